@@ -4,8 +4,7 @@
 
 use crate::{
     commands::*,
-    log::LogFormat,
-    output::{processors, say},
+    output::{LogFormat, processors, say, start_log},
 };
 use avln_arena::Failure;
 use avln_kit::run::run_for;
@@ -19,8 +18,25 @@ use std::{
 };
 use tokio::runtime::Builder;
 
-mod commands;
-mod log;
+/// The commands of `avln`, a file per command or group. The documentation of arguments is the help text.
+mod commands {
+    pub(crate) mod agents;
+    pub(crate) mod challenge;
+    pub(crate) mod checks;
+    pub(crate) mod data;
+    pub(crate) mod demo;
+    pub(crate) mod leaderboard;
+    pub(crate) mod phase;
+    pub(crate) mod run;
+    pub(crate) mod scene;
+    pub(crate) mod scene_stats;
+    pub(crate) mod sealed;
+    mod sealed_sandbox;
+    pub(crate) mod serve;
+    pub(crate) mod sim;
+    pub(crate) mod split;
+    pub(crate) mod team;
+}
 mod output;
 
 /// LH-AVLN Arena: hosts long-horizon audio-visual-language navigation episodes, scores them and shows the results
@@ -78,10 +94,10 @@ pub(crate) enum TopCommand {
     Serve(serve::ServeArgs),
     /// Inspect, notify or drain a running server
     #[command(subcommand)]
-    Admin(admin::AdminCommand),
+    Admin(serve::AdminCommand),
     /// Run one of the bundled agents against a server
     #[command(subcommand)]
-    Agent(agent::AgentCommand),
+    Agent(agents::AgentCommand),
     /// Manage a challenge: phases, teams, tokens, rulings, leaderboards
     #[command(subcommand, arg(data_option()))]
     Challenge(ChallengeCommand),
@@ -140,10 +156,10 @@ pub(crate) enum DataCommand {
     Split(split::SplitCommand),
     /// Build, import, count and check data sets
     #[command(subcommand)]
-    Dataset(dataset::DatasetCommand),
+    Dataset(data::DatasetCommand),
     /// Back up, restore and prune the data folder
     #[command(subcommand)]
-    Db(db::DbCommand),
+    Db(data::DbCommand),
 }
 
 #[derive(Debug, Subcommand)]
@@ -159,13 +175,13 @@ pub(crate) enum RunCommand {
 pub(crate) enum LabCommand {
     /// Run the baseline suite: all bundled agents on the tracks main, hard and quick, with a report
     #[command(subcommand)]
-    Baselines(baselines::BaselinesCommand),
+    Baselines(agents::BaselinesCommand),
     /// Prove that a server scores like the published one, bit for bit
     #[command(arg(data_option()))]
     Calibrate(checks::CalibrateArgs),
     /// Record demonstrations of the oracle on a training split
     #[command(arg(data_option()))]
-    Rollout(baselines::RolloutArgs),
+    Rollout(agents::RolloutArgs),
     /// Check before a run that it will succeed: token, clock, versions, speed, and practice episodes
     Doctor(checks::DoctorArgs),
     /// Check that a server or a client follows the protocol
@@ -198,10 +214,10 @@ pub(crate) enum OldCommand {
     Split(split::SplitCommand),
     /// Same as avln data dataset
     #[command(subcommand, hide = true)]
-    Dataset(dataset::DatasetCommand),
+    Dataset(data::DatasetCommand),
     /// Same as avln data db
     #[command(subcommand, hide = true)]
-    Db(db::DbCommand),
+    Db(data::DbCommand),
     /// Same as avln run verify
     #[command(hide = true)]
     Verify(run::VerifyArgs),
@@ -210,13 +226,13 @@ pub(crate) enum OldCommand {
     Rescore(run::RescoreArgs),
     /// Same as avln lab baselines
     #[command(subcommand, hide = true)]
-    Ladder(baselines::BaselinesCommand),
+    Ladder(agents::BaselinesCommand),
     /// Same as avln lab calibrate
     #[command(hide = true)]
     Calibrate(checks::CalibrateArgs),
     /// Same as avln lab rollout
     #[command(hide = true)]
-    Rollout(baselines::RolloutArgs),
+    Rollout(agents::RolloutArgs),
     /// Same as avln lab doctor
     #[command(hide = true)]
     Doctor(checks::DoctorArgs),
@@ -261,17 +277,17 @@ pub fn main() -> ExitCode {
 
 /// Runs a command line; a failure contains exit code and hint.
 pub fn run(cli: Cli) -> Result<(), Failure> {
-    log::start(&cli.log, cli.log_format)?;
+    start_log(&cli.log, cli.log_format)?;
     let data = cli.data.as_path();
     match cli.command {
         TopCommand::Demo(args) => block_on(demo::run(data, args)),
         TopCommand::Serve(args) => block_on(serve::run(data, args)),
-        TopCommand::Admin(command) => block_on(admin::run(command)),
-        TopCommand::Agent(agent) => play(agent),
+        TopCommand::Admin(command) => block_on(serve::administer(command)),
+        TopCommand::Agent(agent) => run_for(agent.slots(), agents::play(agent)).map_err(no_threads)?,
         TopCommand::Challenge(command) => run_challenge(data, command),
         TopCommand::Data(DataCommand::Split(command)) => block_on(split::run(data, command)),
-        TopCommand::Data(DataCommand::Dataset(command)) => dataset::run(data, command),
-        TopCommand::Data(DataCommand::Db(command)) => block_on(db::run(data, command)),
+        TopCommand::Data(DataCommand::Dataset(command)) => data::run(data, command),
+        TopCommand::Data(DataCommand::Db(command)) => block_on(data::maintain(data, command)),
         TopCommand::Run(RunCommand::Verify(args)) => block_on(run::verify(data, args)),
         TopCommand::Run(RunCommand::Rescore(args)) => block_on(run::rescore_runs(data, args)),
         TopCommand::Lab(command) => block_on(run_lab(data, command)),
@@ -303,16 +319,12 @@ fn run_challenge(data: &Path, command: ChallengeCommand) -> Result<(), Failure> 
 
 async fn run_lab(data: &Path, command: LabCommand) -> Result<(), Failure> {
     match command {
-        LabCommand::Baselines(command) => baselines::run(command).await,
+        LabCommand::Baselines(command) => agents::run(command).await,
         LabCommand::Calibrate(args) => checks::calibrate(data, args).await,
-        LabCommand::Rollout(args) => baselines::roll_out(data, args).await,
+        LabCommand::Rollout(args) => agents::roll_out(data, args).await,
         LabCommand::Doctor(args) => checks::diagnose(args).await,
         LabCommand::Conformance(args) => checks::check_conformance(args).await,
     }
-}
-
-fn play(agent: agent::AgentCommand) -> Result<(), Failure> {
-    run_for(agent.slots(), agent::run(agent)).map_err(no_threads)?
 }
 
 /// Blocking tasks write logs and score episodes: more at once would wait for the disk, and tokio's default of 512 threads would

@@ -4,7 +4,7 @@
 
 use avln_arena::{data::DataFolder, setup::admit};
 use avln_client::{Action, Client, ConnectOptions, Order, Play, RunOptions, Sensors};
-use avln_tests::{PHASE, TestSetup, server::Server, set_up};
+use avln_tests::{PHASE, Server, TestSetup, set_up};
 use std::{
     env,
     hint::black_box,

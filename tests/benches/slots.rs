@@ -3,8 +3,7 @@
 //! `cargo bench -p avln-tests --bench slots`. Without sensors for the connection only, and with all sensors.
 
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
-use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy};
+use avln_tests::{PHASE, TestServer, TestSetup, clients::NO_SENSORS, proxies::FaultProxy};
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 

@@ -1,37 +1,30 @@
 //! Test servers for the end-to-end tests in `tests/`.
 
-pub mod cache;
-pub mod disk;
-pub mod fault_proxy;
+pub mod clients;
 pub mod hidden_facts;
 pub mod http;
-pub mod python;
-pub mod raw;
-pub mod recording_proxy;
-pub mod repository;
-pub mod scripted_run;
-pub mod server;
-pub mod skipped;
+pub mod machine;
+pub mod proxies;
 
-use avln_arena::{
-    Arena, SCENE_MEMORY_MIB,
-    cache::CacheFolder,
-    data::DataFolder,
-    ids::new_token,
-    now_unix_ms,
-    servers::{Addresses, Limits, RunningServers, Security, Servers},
-    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
-};
+use avln_arena::cache::CacheFolder;
+use avln_arena::data::DataFolder;
+use avln_arena::ids::new_token;
+use avln_arena::servers::{Addresses, Limits, RunningServers, Security, Servers};
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{Arena, SCENE_MEMORY_MIB, now_unix_ms};
 use avln_dataset::{Seed, SplitSecret};
 pub use avln_lab::suite::{PASSED_M, Walker, distance_m};
-use avln_store::Visibility;
-use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
-use std::{
-    collections::{BTreeMap, btree_map::Entry},
-    fs,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope, Visibility};
+use std::collections::{BTreeMap, btree_map::Entry};
+use std::env;
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Lines};
+use std::net::SocketAddr;
+use std::os::unix::{fs::symlink, process::parent_id};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{Arc, LazyLock};
+use std::time::UNIX_EPOCH;
 use tempfile::TempDir;
 use tokio::sync::Mutex;
 
@@ -182,12 +175,12 @@ async fn copy_split(folder: &Path, setup: &TestSetup) {
         fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         fs::write(path, bytes).expect("a copy");
     }
-    cache::share(folder);
+    share_cache(folder);
 }
 
 async fn make_split_files(setup: &TestSetup) -> Files {
     let folder = TempDir::new().expect("a folder for temporary files");
-    cache::share(folder.path());
+    share_cache(folder.path());
     let data = DataFolder::open(folder.path()).expect("the folder is writable");
     let store = data.store().await.expect("a new database");
     let make = NewSplit {
@@ -200,7 +193,7 @@ async fn make_split_files(setup: &TestSetup) -> Files {
     };
     make_split(&data, &store, make, |_| ()).await.expect("missions in the houses");
     store.close().await;
-    let mut paths = repository::files(folder.path(), "");
+    let mut paths = machine::files(folder.path(), "");
     paths.retain(|path| !path.starts_with(folder.path().join(CacheFolder::IN_DATA)));
     let relative =
         |path: &PathBuf| path.strip_prefix(folder.path()).expect("a file in the folder").to_owned();
@@ -244,4 +237,112 @@ async fn bind_servers(
     let servers = Servers::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
     let servers = servers.with_documents(avln_cli::documents());
     (servers, move |servers: Servers| servers.open(Arc::new(arena), store.reader()).expect("running servers"))
+}
+
+/// This build's program, hosting a folder.
+pub struct Server {
+    process: Child,
+    /// Output after the addresses; kept open, because a broken pipe ends the program.
+    _output: Lines<BufReader<ChildStdout>>,
+    /// gRPC address.
+    pub grpc: SocketAddr,
+    /// Web address.
+    pub web: SocketAddr,
+}
+
+impl Server {
+    /// Starts `program` on `folder` and waits for its addresses. The log is `server.log` in the folder.
+    pub fn start(program: &str, folder: &Path) -> Self {
+        Self::start_with(program, folder, &[])
+    }
+
+    /// Starts `program` on free ports with more `serve` options, without an admin server.
+    pub fn start_with(program: &str, folder: &Path, options: &[&str]) -> Self {
+        let free = ["--admin", "off", "--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"];
+        Self::serve(program, folder, &[&free[..], options].concat())
+    }
+
+    /// Starts `program` with `options` for `serve`, which include the addresses.
+    pub fn serve(program: &str, folder: &Path, options: &[&str]) -> Self {
+        let path = folder.join("server.log");
+        let log = File::options().create(true).append(true).open(&path).expect("a log of the server");
+        let mut serve = Command::new(program);
+        serve.arg("--data").arg(folder).arg("serve").args(options);
+        let mut process = serve.stdout(Stdio::piped()).stderr(log).spawn().expect("the program starts");
+        let mut output = BufReader::new(process.stdout.take().expect("its output")).lines();
+        let addresses = address(&mut output, "agents").zip(address(&mut output, "leaderboard"));
+        let Some((grpc, web)) = addresses else {
+            let log = std::fs::read_to_string(path).unwrap_or_default();
+            panic!(
+                "the server ended before it printed its addresses ({:?}); its log:\n{log}",
+                process.wait()
+            );
+        };
+        Self { process, _output: output, grpc, web }
+    }
+
+    /// Process id.
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// True while the process runs.
+    pub fn is_running(&mut self) -> bool {
+        self.process.try_wait().expect("a state").is_none()
+    }
+
+    /// Ends the process by SIGKILL, like a crash.
+    pub fn kill(mut self) {
+        self.process.kill().expect("it runs");
+        self.process.wait().expect("it is gone");
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// The address printed after `name`.
+fn address(output: &mut Lines<BufReader<ChildStdout>>, name: &str) -> Option<SocketAddr> {
+    let line = output.map_while(Result::ok).find(|line| line.starts_with(name))?;
+    line.rsplit('/').next().and_then(|address| address.parse().ok())
+}
+
+/// Start of the folders' names.
+const NAME: &str = "avln-tests-cache-";
+
+/// Folder of this run. Another build never uses it, because its preparation may differ.
+static SHARED: LazyLock<PathBuf> = LazyLock::new(|| {
+    let program = env::current_exe().and_then(fs::metadata).expect("this program");
+    let built = program.modified().expect("a time").duration_since(UNIX_EPOCH).expect("after 1970");
+    delete_old();
+    // The parent is cargo, or another runner with a process per test.
+    let folder = env::temp_dir().join(format!("{NAME}{}-{}", parent_id(), built.as_nanos()));
+    fs::create_dir_all(&folder).expect("a folder for temporary files");
+    folder
+});
+
+/// Lets a data folder without cache use the one that all tests of a run share: most of a short episode's time is the preparation
+/// of its sounds.
+pub fn share_cache(data: &Path) {
+    let link = data.join(CacheFolder::IN_DATA);
+    fs::create_dir_all(link.parent().expect("a folder")).expect("a folder");
+    symlink(&*SHARED, link).expect("a link");
+}
+
+/// Deletes the folders of ended runs, where the system lists its processes.
+fn delete_old() {
+    if !Path::new("/proc/self").exists() {
+        return;
+    }
+    for entry in fs::read_dir(env::temp_dir()).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let run = name.strip_prefix(NAME).and_then(|rest| rest.split('-').next());
+        if run.is_some_and(|process| !Path::new("/proc").join(process).exists()) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
 }

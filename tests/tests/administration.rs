@@ -5,9 +5,9 @@ mod sign_in {
     use avln_client::{Action, Client, EndReason, Error, Order, Reason, RunOptions, Sensors};
     use avln_store::AuditLine;
     use avln_tests::{
-        PHASE, TEAM, TestServer, TestSetup, http,
-        http::{Answer, Visitor},
-        scripted_run::play_script,
+        PHASE, TEAM, TestServer, TestSetup,
+        clients::play_script,
+        http::{self, Answer, Visitor},
         store,
     };
     use std::time::Duration;
@@ -187,8 +187,7 @@ mod admin_server {
     };
     use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions};
     use avln_store::AuditNote;
-    use avln_tests::scripted_run::NO_SENSORS;
-    use avln_tests::{PHASE, TestServer, TestSetup, http, raw::RawClient};
+    use avln_tests::{PHASE, TestServer, TestSetup, clients::NO_SENSORS, clients::RawClient, http};
     use serde::Serialize;
     use std::time::Duration;
     use tokio::time::{sleep, timeout};

@@ -3,8 +3,7 @@
 /// The Rust client: episode stream, and calls during a server restart.
 mod rust_client {
     use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions};
-    use avln_tests::scripted_run::NO_SENSORS;
-    use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy};
+    use avln_tests::{PHASE, TestServer, TestSetup, clients::NO_SENSORS, proxies::FaultProxy};
     use std::{net::SocketAddr, time::Duration};
     use tokio::time::{sleep, timeout};
     use tokio_stream::StreamExt;
@@ -108,22 +107,22 @@ mod rust_client {
 
 /// The Python package: tests against this program, types and style.
 mod python_client {
-    use avln_tests::{python, repository::root};
+    use avln_tests::machine::{self, root};
 
     /// Runs a Python module in the package folder if the modules `needed` are installed.
     fn run(module: &str, arguments: &[&str], needed: &[&str]) {
         let what = format!("{module} of client-sdk/python");
-        let Some(mut command) = python::command(&what, needed, "pip install -e \"client-sdk/python[dev]\"")
+        let Some(mut command) = machine::python(&what, needed, "pip install -e \"client-sdk/python[dev]\"")
         else {
             return;
         };
         command.args(["-m", module]).args(arguments).current_dir(root().join("client-sdk/python"));
         command.env("AVLN_BIN", env!("CARGO_BIN_EXE_avln_under_test"));
-        command.env("AVLN_NATIVE", python::native_module());
+        command.env("AVLN_NATIVE", machine::native_module());
         for name in ["AVLN_SERVER", "AVLN_TOKEN", "AVLN_CA", "AVLN_DATA"] {
             command.env_remove(name);
         }
-        python::succeeds(&what, command);
+        machine::succeeds(&what, command);
     }
 
     #[test]
@@ -361,7 +360,7 @@ mod perception {
 
 /// PAG-Nav uses undiscovered stairs between storeys.
 mod storeys {
-    use avln_tests::server::Server;
+    use avln_tests::Server;
     use std::{fs, path::Path, process::Command};
 
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");

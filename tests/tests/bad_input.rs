@@ -1,9 +1,12 @@
 //! Invalid agent input is answered with an error and changes neither the server nor a score.
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
-use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PHASE, TestServer, TestSetup, http, raw::RawClient, recording_proxy, recording_proxy::RecordingProxy,
+    PHASE, TestServer, TestSetup,
+    clients::NO_SENSORS,
+    clients::RawClient,
+    http,
+    proxies::{self, RecordingProxy},
 };
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
@@ -85,10 +88,9 @@ async fn illegal_steps_are_rejected_and_episode_continues() {
     let run = client.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = client.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
-    for (spoiler, reason) in [
-        (recording_proxy::illegal_action(), Reason::ActionOutOfRange),
-        (recording_proxy::wrong_step(9), Reason::StepAhead),
-    ] {
+    for (spoiler, reason) in
+        [(proxies::illegal_action(), Reason::ActionOutOfRange), (proxies::wrong_step(9), Reason::StepAhead)]
+    {
         proxy.corrupt(spoiler);
         let step = timeout(PATIENCE, episode.step(Action::MoveForward)).await.expect("an answer");
         let refused = step.expect_err("a spoiled step");

@@ -9,7 +9,7 @@ use avln_arena::{
 };
 use avln_dataset::Seed;
 use avln_lab::calibration;
-use avln_tests::cache;
+use avln_tests::share_cache;
 use std::{path::Path, process::Command, sync::Arc};
 
 /// Exit code and output when the random agent calibrates.
@@ -50,7 +50,7 @@ async fn this_build_is_calibrated_and_leaves_nothing_behind() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_hosts_the_phase_is_calibrated() {
     let place = tempfile::tempdir().expect("a folder");
-    cache::share(place.path());
+    share_cache(place.path());
     for _ in 0..2 {
         let (code, text) = calibrate(place.path(), &["--open"]);
         assert!(code == Some(0) && text.contains("phase calibration is open"), "{text}");

@@ -3,7 +3,7 @@
 use avln_arena::{clock::Clock, servers::Limits};
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions};
 use avln_store::{NewToken, Phase, RunState, TokenScope, Viewer};
-use avln_tests::{PHASE, TEAM, TestServer, TestSetup, change_phase, scripted_run::NO_SENSORS, set_up, store};
+use avln_tests::{PHASE, TEAM, TestServer, TestSetup, change_phase, clients::NO_SENSORS, set_up, store};
 use std::time::Duration;
 use tokio::time::sleep;
 

@@ -1,6 +1,6 @@
 //! The command line: help, hints and exit codes.
 
-use avln_tests::{TEAM, TestSetup, cache, set_up};
+use avln_tests::{TEAM, TestSetup, set_up, share_cache};
 use std::{
     fs,
     net::TcpListener,
@@ -331,7 +331,7 @@ async fn teams_are_admitted_and_refused_by_name() {
 #[test]
 fn demo_prints_two_tables_and_reuses_data() {
     let (_folder, data) = data_folder();
-    cache::share(&data);
+    share_cache(&data);
     let demo = || {
         let small = ["demo", "--once", "--houses", "1", "--missions", "1"];
         let outcome = avln(&data, &[&small[..], &FREE[..]].concat());

@@ -3,9 +3,9 @@
 /// Scripts and commands of the compose file, in order, without an engine.
 mod containers {
     use avln_tests::{
-        cache,
-        repository::{root, text},
-        server::Server,
+        Server,
+        machine::{root, text},
+        share_cache,
     };
     use std::{
         fs,
@@ -85,7 +85,7 @@ mod containers {
     #[test]
     fn trial_setup_runs_once_for_its_agent() {
         let container = Container::new();
-        cache::share(&container.path("data"));
+        share_cache(&container.path("data"));
         let setup = || container.succeeds(container.command(&command_of("trial-setup")));
         assert!(setup().contains("phase practice is open"));
         let token = fs::read_to_string(container.path("token")).expect("a token");
@@ -154,10 +154,7 @@ mod containers {
 
 /// Privileges of containers; a sealed agent reaches only its server.
 mod packages {
-    use avln_tests::{
-        repository::{root, text},
-        skipped::{docker, excluded, skipped},
-    };
+    use avln_tests::machine::{docker, excluded, root, skipped, text};
     use std::process::{Command, Output};
     use yaml_rust2::{Yaml, YamlLoader, yaml::Hash};
 
@@ -404,7 +401,7 @@ mod packages {
 
 /// Published files: every job that uploads attests its files, and a release key signs the digests.
 mod releases {
-    use avln_tests::{repository::text, skipped::skipped};
+    use avln_tests::machine::{skipped, text};
     use std::{collections::BTreeMap, fs, process::Command};
     use yaml_rust2::{Yaml, YamlLoader};
 

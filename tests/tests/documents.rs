@@ -2,7 +2,7 @@
 
 /// Links resolve, files and functions stay short, no unfinished work.
 mod text {
-    use avln_tests::repository::{files, root, shown};
+    use avln_tests::machine::{files, root, shown};
     use std::{fs, path::PathBuf};
 
     const MAX_FILE_LINES: usize = 500;
@@ -115,7 +115,7 @@ mod text {
 /// The program accepts every command line in documents, images and unit files.
 mod commands {
     use avln_cli::Cli;
-    use avln_tests::repository::{files, root, shown, text, typed};
+    use avln_tests::machine::{files, root, shown, text, typed};
     use clap::{Parser, error::ErrorKind};
     use std::{fs, iter, mem};
     use yaml_rust2::{Yaml, YamlLoader};
@@ -275,7 +275,7 @@ mod commands {
 
 /// Paths in the pages for contributors.
 mod contributors {
-    use avln_tests::repository::{root, text};
+    use avln_tests::machine::{root, text};
 
     const FOLDERS: [&str; 10] =
         ["agents/", "cli/", "client-sdk/", "docker/", "docs/", "lab/", "proto/", "server/", "tests/", ".ci/"];
@@ -319,7 +319,7 @@ mod contributors {
 
 /// The threat model names existing tests.
 mod security {
-    use avln_tests::repository::text;
+    use avln_tests::machine::text;
 
     const HEAD: &str = "| party | threat | protection | test |\n|---|---|---|---|\n";
 
@@ -366,7 +366,7 @@ mod security {
 
 /// The table in source-files.md.
 mod source_files {
-    use avln_tests::repository::{files, root, shown, text};
+    use avln_tests::machine::{files, root, shown, text};
     use std::path::Path;
 
     const PAGE: &str = "docs/source-files.md";

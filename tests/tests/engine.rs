@@ -3,10 +3,7 @@
 //! `AVLN_DOCKER` names the `docker` program, if it is not the one on the path. Project, volumes, images and ports of the tests are
 //! their own.
 
-use avln_tests::{
-    repository::{root, text},
-    skipped::{self, excluded, skipped},
-};
+use avln_tests::machine::{self, excluded, root, skipped, text};
 use std::{
     fs,
     net::TcpListener,
@@ -79,7 +76,7 @@ impl Engine {
     /// Builds the images; `None` without an engine.
     fn start(test: &str) -> Option<Self> {
         let remedy = "install Docker with Compose 2, or name the program in AVLN_DOCKER";
-        let Some(mut engine) = skipped::docker() else {
+        let Some(mut engine) = machine::docker() else {
             excluded(test, remedy);
             return None;
         };
@@ -218,7 +215,7 @@ impl Drop for Engine {
 }
 
 fn docker() -> Command {
-    skipped::docker().expect("an engine")
+    machine::docker().expect("an engine")
 }
 
 fn said(output: &Output) -> String {

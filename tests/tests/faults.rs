@@ -2,15 +2,15 @@
 //! towards the quota or not. The faults are real: panics, hanging threads, dead connections, full disks,
 //! locked databases.
 
-mod lost_attempts;
-
 use avln_arena::{budget::Budget, servers::Limits};
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions};
 use avln_store::{Phase, RunState, Viewer};
-use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PHASE, TestServer, TestSetup, change_phase, disk::Disk, fault_proxy::FaultProxy, recording_proxy,
-    server::Server, set_up, store,
+    PHASE, Server, TestServer, TestSetup, change_phase,
+    clients::NO_SENSORS,
+    machine::Disk,
+    proxies::{self, FaultProxy},
+    set_up, store,
 };
 use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
 use std::{
@@ -51,7 +51,7 @@ pub(crate) async fn begin(url: &str, token: &str) -> (Run, Play) {
     (run, play)
 }
 
-fn end_of(episode: &Episode<'_>) -> Option<EndReason> {
+pub(crate) fn end_of(episode: &Episode<'_>) -> Option<EndReason> {
     episode.end().map(|end| end.reason)
 }
 
@@ -100,10 +100,10 @@ pub(crate) fn brief(phase: &mut Phase) {
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_an_illegal_message_costs_nothing() {
     let server = server(|_| ()).await;
-    let proxy = recording_proxy::RecordingProxy::open(server.servers.grpc).await;
+    let proxy = proxies::RecordingProxy::open(server.servers.grpc).await;
     let (run, mut play) = begin(&proxy.url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    for spoil in [recording_proxy::illegal_action(), recording_proxy::wrong_step(9)] {
+    for spoil in [proxies::illegal_action(), proxies::wrong_step(9)] {
         proxy.corrupt(spoil);
         assert!(episode.step(Action::MoveForward).await.is_err(), "the server refuses it");
     }
@@ -178,7 +178,7 @@ async fn agent_cancelled_by_team_does_not_complete_run() {
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_sending_nonsense_counts_as_disconnected() {
     let server = server(brief).await;
-    let proxy = recording_proxy::RecordingProxy::open(server.servers.grpc).await;
+    let proxy = proxies::RecordingProxy::open(server.servers.grpc).await;
     let (run, mut play) = begin(&proxy.url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     // Invalid HTTP/2 frames from here on.
@@ -302,7 +302,7 @@ async fn server_failing_repeatedly_drops_episode_without_charge() {
 }
 
 /// A server whose first step hangs until the sender is dropped.
-async fn hanging() -> (TestServer, mpsc::Sender<()>) {
+pub(crate) async fn hanging() -> (TestServer, mpsc::Sender<()>) {
     let (go_on, wait) = mpsc::channel::<()>();
     let wait = Mutex::new(wait);
     let server = disturbed(at_first(1, move || {

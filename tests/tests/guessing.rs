@@ -8,7 +8,7 @@ use avln_arena::{
 use avln_client::{Action, Client, RunOptions, Sensors};
 use avln_dataset::{CueSpec, EpisodeSpec, SceneSource, Seed, Split, SplitSecret};
 use avln_store::Visibility;
-use avln_tests::{PHASE, TestServer, TestSetup, http, recording_proxy::RecordingProxy};
+use avln_tests::{PHASE, TestServer, TestSetup, http, proxies::RecordingProxy};
 use std::{
     collections::BTreeSet,
     fs,

@@ -1,7 +1,9 @@
 //! Dependencies between our crates are limited to this list.
 
+use avln_tests::machine::{files, root, shown, text};
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::Command;
 
 /// Permitted imports per crate.
@@ -211,6 +213,20 @@ fn check_detects_forbidden_import() {
 }
 
 #[test]
+fn servers_use_no_additions_for_training() {
+    let additions = ["with_added_submits", "with_detail", "with_instances", "render_at"];
+    let users = |folder: &str| {
+        let found = files(&root().join(folder), ".rs").into_iter();
+        let uses = |path: &PathBuf| additions.iter().any(|name| text(path).contains(name));
+        found.filter(uses).map(|path| shown(&path)).collect::<Vec<_>>()
+    };
+    assert!(!users("server/training").is_empty(), "the check sees the additions");
+    for folder in ["server/arena", "server/io", "cli", "lab", "agents"] {
+        assert_eq!(users(folder), Vec::<String>::new());
+    }
+}
+
+#[test]
 fn client_depends_on_no_server_crate() {
     let metadata = metadata();
     let packages = metadata["packages"].as_array().expect("cargo lists packages");
@@ -231,4 +247,138 @@ fn client_depends_on_no_server_crate() {
     assert!(lies_in_server("grpc"), "the check sees what lies there");
     assert_eq!(tree, BTreeSet::from(["client", "proto"]));
     assert!(!tree.iter().any(|name| lies_in_server(name)));
+}
+
+/// Imports between the files of a crate.
+mod circles {
+    use avln_tests::machine::{files, root, shown, text};
+    use std::collections::{BTreeMap, BTreeSet};
+
+    /// A module's path in its crate.
+    type Module = Vec<String>;
+
+    /// Imported files by file.
+    type Imports = BTreeMap<Module, BTreeSet<Module>>;
+
+    /// Code by crate folder and module. Crate roots are left out: they declare modules and repeat public names.
+    fn crates() -> BTreeMap<String, BTreeMap<Module, String>> {
+        let mut crates: BTreeMap<String, BTreeMap<Module, String>> = BTreeMap::new();
+        for path in files(&root(), ".rs") {
+            let shown = shown(&path);
+            let Some((folder, file)) = shown.split_once("/src/") else { continue };
+            let module = file.trim_end_matches(".rs").trim_end_matches("/mod");
+            if !["lib", "main"].contains(&module) {
+                let module = module.split('/').map(str::to_owned).collect();
+                crates.entry(folder.to_owned()).or_default().insert(module, product(&text(&path)));
+            }
+        }
+        crates
+    }
+
+    /// Returns code without comments and unit tests.
+    fn product(text: &str) -> String {
+        let code = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+        code.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
+    }
+
+    /// Adds the paths of an import such as `a::{b, c::d}`, each after `start`.
+    fn expand(start: &[&str], tree: &str, found: &mut Vec<Module>) {
+        let (mut depth, mut part) = (0, String::new());
+        let mut parts = Vec::new();
+        for letter in tree.chars().chain([',']) {
+            depth += i32::from(letter == '{') - i32::from(letter == '}');
+            if letter == ',' && depth == 0 {
+                parts.push(std::mem::take(&mut part))
+            } else {
+                part.push(letter)
+            }
+        }
+        for part in parts {
+            let (path, group) = part.split_once('{').unwrap_or((&part, ""));
+            let name = |step: &'_ str| step.split_whitespace().next().map(str::to_owned);
+            let steps: Vec<String> = path.split("::").filter_map(name).collect();
+            let whole: Vec<&str> = start.iter().copied().chain(steps.iter().map(String::as_str)).collect();
+            match group.rsplit_once('}') {
+                Some((group, _)) => expand(&whole, group, found),
+                None => found.push(whole.into_iter().map(str::to_owned).collect()),
+            }
+        }
+    }
+
+    /// Returns the path in the crate that `path` means in `module`, if it begins with `crate`, `self` or `super`.
+    fn absolute(module: &[String], path: &[String]) -> Option<Module> {
+        let above = path.iter().take_while(|step| *step == "super").count();
+        let start = match path.first()?.as_str() {
+            "crate" => &[][..],
+            "self" => module,
+            "super" => &module[..module.len().checked_sub(above)?],
+            _ => return None,
+        };
+        Some([start, &path[above.max(1)..]].concat())
+    }
+
+    /// Returns the files of the crate that each file imports.
+    fn imports(files: &BTreeMap<Module, String>) -> Imports {
+        let imported = |(module, code): (&Module, &String)| {
+            let mut paths = Vec::new();
+            let uses = code.split("use ").skip(1).filter_map(|rest| rest.split_once(';'));
+            uses.for_each(|(tree, _)| expand(&[], tree, &mut paths));
+            // Without visibilities such as `pub(in crate::a)`.
+            for (at, _) in code.match_indices("crate::").filter(|(at, _)| !code[..*at].ends_with("in ")) {
+                let end = code[at..].find(|c: char| !c.is_alphanumeric() && c != '_' && c != ':');
+                expand(&[], &code[at..][..end.unwrap_or(0)], &mut paths);
+            }
+            let file = |path: &Module| {
+                let absolute = absolute(module, path)?;
+                (1..=absolute.len())
+                    .rev()
+                    .map(|end| absolute[..end].to_vec())
+                    .find(|to| files.contains_key(to))
+            };
+            (module.clone(), paths.iter().filter_map(file).filter(|to| to != module).collect())
+        };
+        files.iter().map(imported).collect()
+    }
+
+    /// Returns the imports that are part of a circle.
+    fn circular(mut imports: Imports) -> Imports {
+        loop {
+            let count = imports.len();
+            let known: BTreeSet<Module> = imports.keys().cloned().collect();
+            let imported: BTreeSet<Module> = imports.values().flatten().cloned().collect();
+            imports.retain(|module, to| {
+                to.retain(|to| known.contains(to));
+                !to.is_empty() && imported.contains(module)
+            });
+            if imports.len() == count {
+                return imports;
+            }
+        }
+    }
+
+    #[test]
+    fn files_do_not_import_each_other() {
+        let mut count = 0;
+        for (folder, files) in crates() {
+            let imports = imports(&files);
+            count += imports.values().map(BTreeSet::len).sum::<usize>();
+            let circular = circular(imports);
+            assert!(circular.is_empty(), "files of {folder} import each other: {circular:#?}");
+        }
+        assert!(count > 500, "the check sees {count} imports");
+    }
+
+    #[test]
+    fn circle_of_imports_is_found() {
+        let file = |name: &str, code: &str| (vec![name.to_owned()], code.to_owned());
+        let files = [
+            file("a", "use crate::{b::{self, B}, d};"),
+            file("b", "use super::c::C;"),
+            file("c", "fn f() { crate::a::g() }"),
+            file("d", "use std::io;"),
+        ];
+        let found = circular(imports(&BTreeMap::from(files)));
+        let names: Vec<String> = found.into_keys().map(|module| module.join("/")).collect();
+        assert_eq!(names, ["a", "b", "c"]);
+    }
 }

@@ -2,9 +2,8 @@
 
 use avln_tests::{
     PHASE, TestServer, TestSetup,
-    fault_proxy::FaultProxy,
-    repository::{root, text},
-    skipped::skipped,
+    machine::{root, skipped, text},
+    proxies::FaultProxy,
 };
 use std::{
     io::{BufRead, BufReader, Read},

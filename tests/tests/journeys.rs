@@ -1,10 +1,6 @@
 //! The commands in the documents work: bash runs them line by line in a folder like the reader's.
 
-use avln_tests::{
-    python,
-    repository::{files, root, shown, text, typed},
-    skipped::skipped,
-};
+use avln_tests::machine::{self, files, root, shown, skipped, text, typed};
 use std::{
     env, fs,
     net::TcpListener,
@@ -89,14 +85,14 @@ const ORGANISER: Journey = Journey {
         ("--token TOKEN", "--token $TOKEN"),
         ("AVLN_TOKEN=…", "AVLN_TOKEN=$ORGANISER"),
         ("/srv/avln", "avln-data"),
-        ("avln --data /srv/new serve", "AVLN_SEAL_KEY_FILE=seal.key avln --data new serve"),
+        ("avln serve --data /srv/new", "AVLN_SEAL_KEY_FILE=seal.key avln serve --data new"),
         ("/srv/new", "new"),
         ("/backups/", ""),
         ("--key KEY", "--key $(log_key)"),
     ],
     not_typed: &[
         ("cd agents/ada", "the tests of sealed runs cover it"),
-        ("avln --data /srv/avln challenge sealed", "the tests of sealed runs cover it"),
+        ("avln challenge sealed run --data /srv/avln", "the tests of sealed runs cover it"),
         ("avln serve --grpc 0.0.0.0:50051", "the TLS tests cover it"),
         ("avln serve --log warn,avln_grpc=debug", "the tests of the log cover it"),
         ("jq -r", "jq may be missing"),
@@ -220,7 +216,7 @@ fn needs_python(line: &str) -> bool {
 
 fn has_python() -> bool {
     let modules = ["avln", "zmq", "msgpack"];
-    python::command("lines of Python", &modules, "pip install \"./client-sdk/python[bridge]\"").is_some()
+    machine::python("lines of Python", &modules, "pip install \"./client-sdk/python[bridge]\"").is_some()
 }
 
 impl Journey {

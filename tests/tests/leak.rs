@@ -5,14 +5,14 @@ use avln_arena::{data::DataFolder, setup};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_dataset::CueSpec;
 use avln_store::Visibility;
-use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PASSED_M, PHASE, TestServer, TestSetup, Walker, distance_m,
+    PASSED_M, PHASE, TestServer, TestSetup, Walker,
+    clients::NO_SENSORS,
+    clients::{MOVE_FORWARD, RawClient, SUBMIT},
+    distance_m,
     hidden_facts::HiddenFacts,
     http,
-    raw::{MOVE_FORWARD, RawClient, SUBMIT},
-    recording_proxy,
-    recording_proxy::RecordingProxy,
+    proxies::{self, RecordingProxy},
 };
 use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};
@@ -143,7 +143,7 @@ async fn fumble(proxy: &RecordingProxy, client: &Client, run: &Run) {
     {
         episode.step(action).await.expect("a legal step");
     }
-    for spoiler in [recording_proxy::illegal_action(), recording_proxy::wrong_step(100)] {
+    for spoiler in [proxies::illegal_action(), proxies::wrong_step(100)] {
         proxy.corrupt(spoiler);
         let refused = episode.step(Action::MoveForward).await.expect_err("a spoiled step");
         assert!(matches!(refused, Error::Refused { .. }), "{refused}");

@@ -17,8 +17,6 @@ mod imports;
 mod javascript;
 mod journeys;
 mod leak;
-mod leaving;
-mod log;
 mod oracle;
 mod pages;
 mod resilience;

@@ -8,10 +8,9 @@ mod browser {
     use avln_client::Order;
     use avln_human::{HumanArgs, RunArgs, run_with};
     use avln_tests::{
-        PHASE, TestServer, TestSetup, python,
-        repository::root,
-        scripted_run::{AUDIO_ONLY, play_script, play_script_with},
-        skipped::skipped,
+        PHASE, TestServer, TestSetup,
+        clients::{AUDIO_ONLY, play_script, play_script_with},
+        machine::{self, root, skipped},
     };
     use std::{env, path::PathBuf};
     use tokio::{sync::oneshot, task::spawn_blocking};
@@ -46,7 +45,7 @@ mod browser {
     #[tokio::test(flavor = "multi_thread")]
     async fn every_page_is_accessible() {
         let needed = ["playwright", "axe_playwright_python"];
-        let Some(mut check) = python::command("pages in a browser", &needed, REMEDY) else { return };
+        let Some(mut check) = machine::python("pages in a browser", &needed, REMEDY) else { return };
         let Some(chromium) = chromium() else { return };
         let _alone = super::ALONE.lock().await;
         let server = TestServer::open(&TestSetup::default()).await;
@@ -66,7 +65,7 @@ mod browser {
         check.arg(format!("http://{}", server.servers.web)).arg(format!("http://{page}"));
         check.arg(format!("http://{}/runs/{heard}/episodes/0", server.servers.web));
         check.arg(&server.token).arg(server.organiser().await);
-        spawn_blocking(|| python::succeeds("pages in a browser", check)).await.expect("nothing is wrong");
+        spawn_blocking(|| machine::succeeds("pages in a browser", check)).await.expect("nothing is wrong");
         run.abort();
     }
 
@@ -74,9 +73,9 @@ mod browser {
     fn run(module: &str, arguments: &[&str], needed: &[&str]) {
         let what = format!("{module} of tests/browser");
         let remedy = format!("{REMEDY} {module}");
-        let Some(mut command) = python::command(&what, needed, &remedy) else { return };
+        let Some(mut command) = machine::python(&what, needed, &remedy) else { return };
         command.args(["-m", module]).args(arguments).arg(".").current_dir(root().join("tests/browser"));
-        python::succeeds(&what, command);
+        machine::succeeds(&what, command);
     }
 
     #[test]
@@ -167,7 +166,7 @@ mod frozen_copy {
 /// Live events on the web server.
 mod live_run {
     use avln_client::{Action, Client, RunOptions};
-    use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::NO_SENSORS};
+    use avln_tests::{PHASE, TestServer, TestSetup, clients::NO_SENSORS, http};
     use serde_json::Value;
     use std::time::Duration;
     use tokio::time::sleep;
@@ -231,8 +230,9 @@ mod replay_sound {
     use avln_client::{Audio, Sensors};
     use avln_store::Visibility;
     use avln_tests::{
-        TestServer, TestSetup, http,
-        scripted_run::{AUDIO_ONLY, STEPS, play_script, play_script_with},
+        TestServer, TestSetup,
+        clients::{AUDIO_ONLY, STEPS, play_script, play_script_with},
+        http,
     };
     use std::collections::BTreeMap;
 

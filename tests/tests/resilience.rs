@@ -2,8 +2,9 @@
 //! lose no episode and count none twice.
 
 use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions};
-use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, http, server::Server, set_up};
+use avln_tests::{
+    PHASE, Server, TestServer, TestSetup, clients::NO_SENSORS, http, proxies::FaultProxy, set_up,
+};
 use serde_json::Value;
 use std::{
     net::SocketAddr,

@@ -3,8 +3,7 @@
 use avln_arena::{servers::Limits, setup::admit};
 use avln_client::{Action, Client, EndReason, Error, Order, Play, Reason, RunOptions, Sensors};
 use avln_tests::{
-    PHASE, TestServer, TestSetup, change_phase, fault_proxy::FaultProxy, scripted_run::NO_SENSORS, set_up,
-    store,
+    PHASE, TestServer, TestSetup, change_phase, clients::NO_SENSORS, proxies::FaultProxy, set_up, store,
 };
 use std::{
     sync::{

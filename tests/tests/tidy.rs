@@ -1,6 +1,6 @@
 //! Style of names, comments and documents.
 
-use avln_tests::repository::{files, root, shown, text};
+use avln_tests::machine::{files, root, shown, text};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

@@ -4,8 +4,7 @@ use avln_arena::servers::Security;
 use avln_client::{Action, Client, ConnectOptions, Error, Observation, Packing, RunOptions, Sensors};
 use avln_tests::{
     PHASE, TestServer, TestSetup, http,
-    repository::{text, typed},
-    skipped::skipped,
+    machine::{skipped, text, typed},
 };
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;

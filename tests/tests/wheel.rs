@@ -1,9 +1,9 @@
 //! The Python wheel for this platform, installed into an empty environment: demo, training and evaluation.
 
 use avln_tests::{
-    cache, python,
-    repository::{files, root},
-    server::Server,
+    Server,
+    machine::{self, files, root},
+    share_cache,
 };
 use std::{env, ffi::OsStr, fs, path::Path, path::PathBuf, process::Command};
 
@@ -35,16 +35,16 @@ struct Environment {
 impl Environment {
     /// Makes the wheel from this build and installs it without a network; `None` without the modules that this needs.
     fn with_wheel() -> Option<Self> {
-        let mut venv = python::command("the wheel for this platform", &NEEDED, REMEDY)?;
+        let mut venv = machine::python("the wheel for this platform", &NEEDED, REMEDY)?;
         let interpreter = venv.get_program().to_owned();
         let folder = tempfile::tempdir().expect("a folder");
         venv.args(["-m", "venv"]).arg(folder.path().join("venv"));
-        python::succeeds("python -m venv", venv);
+        machine::succeeds("python -m venv", venv);
         let environment = Self { folder };
         let wheel = environment.make_wheel(&interpreter);
         let mut install = environment.command("python");
         install.args(["-m", "pip", "install", "--quiet", "--no-index", "--no-deps"]).arg(wheel);
-        python::succeeds("pip install", install);
+        machine::succeeds("pip install", install);
         environment.add_dependencies(&interpreter);
         Some(environment)
     }
@@ -52,9 +52,9 @@ impl Environment {
     fn make_wheel(&self, interpreter: &OsStr) -> PathBuf {
         let folder = self.folder.path().join("wheel");
         let mut make = Command::new(root().join("packaging/wheel.sh"));
-        make.arg(format!("{}-unknown-linux-gnu", env::consts::ARCH)).arg(python::native_module());
+        make.arg(format!("{}-unknown-linux-gnu", env::consts::ARCH)).arg(machine::native_module());
         make.arg(env!("CARGO_BIN_EXE_avln_under_test")).arg(&folder).env("AVLN_PYTHON", interpreter);
-        python::succeeds("packaging/wheel.sh", make);
+        machine::succeeds("packaging/wheel.sh", make);
         let wheel = files(&folder, ".whl").pop().expect("a wheel");
         let name = wheel.file_name().expect("a name").to_string_lossy();
         assert!(name.contains("-cp310-abi3-manylinux_2_"), "{name}");
@@ -67,9 +67,9 @@ impl Environment {
         there.args(["-c", PACKAGES]);
         let mut here = self.command("python");
         here.args(["-c", PACKAGES]);
-        let here = python::succeeds("folders of packages", here);
+        let here = machine::succeeds("folders of packages", here);
         let file = Path::new(here.trim()).join("dependencies.pth");
-        fs::write(file, python::succeeds("folders of packages", there)).expect("a file");
+        fs::write(file, machine::succeeds("folders of packages", there)).expect("a file");
     }
 
     /// A program of the environment.
@@ -89,18 +89,18 @@ impl Environment {
 
     /// Runs the demo with one mission.
     fn demo(&self) {
-        cache::share(&self.data());
+        share_cache(&self.data());
         let mut demo = self.command("avln");
         demo.args(["demo", "--once", "--houses", "1", "--missions", "1"]);
         demo.args(["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"]);
-        let table = python::succeeds("avln demo", demo);
+        let table = machine::succeeds("avln demo", demo);
         assert!(table.contains("PAG-Nav"), "{table}");
     }
 
     fn train(&self) {
         let mut train = self.command("python");
         train.args(["-c", TRAINING]);
-        let module = python::succeeds("training", train);
+        let module = machine::succeeds("training", train);
         let inside = Path::new(module.trim()).starts_with(self.folder.path());
         assert!(inside, "{module}");
     }
@@ -109,17 +109,17 @@ impl Environment {
     fn evaluate(&self) {
         let mut add = self.command("avln");
         add.args(["challenge", "team", "add", "participant"]);
-        let answer = python::succeeds("avln challenge team add", add);
+        let answer = machine::succeeds("avln challenge team add", add);
         let token = answer.split_whitespace().find(|word| word.starts_with("avln_")).expect("a token");
         let program = self.folder.path().join("venv/bin/avln");
         let server = Server::start(program.to_str().expect("a path in UTF-8"), &self.data());
         let connection = ["--server", &format!("http://{}", server.grpc), "--token", token];
         let mut doctor = self.command("avln");
         doctor.arg("doctor").args(connection).args(["--episodes", "1", "--steps", "20", "--size", "64"]);
-        python::succeeds("avln doctor", doctor);
+        machine::succeeds("avln doctor", doctor);
         let mut agent = self.command("python");
         agent.arg(root().join("client-sdk/python/examples/random_walk.py")).args(connection);
-        let summary = python::succeeds("random_walk.py", agent);
+        let summary = machine::succeeds("random_walk.py", agent);
         assert!(summary.contains("1 of 1 episodes, complete"), "{summary}");
     }
 }

@@ -23,7 +23,6 @@ pub mod map {
     pub(crate) mod elevation;
     pub(crate) mod objects;
     pub(crate) mod occupancy;
-    pub(crate) mod priors;
     pub(crate) mod rooms;
     pub(crate) mod sound_field;
     pub(crate) mod source;
@@ -32,8 +31,7 @@ pub mod map {
     pub use elevation::{ClimbPath, Elevation, Storeys};
     pub use objects::{FreshLook, ObjectHypothesis, ObjectMemory};
     pub use occupancy::{CELL_M, Cell, Occupancy};
-    pub use priors::{GoalPrior, NEUTRAL, ROOMS};
-    pub use rooms::{RoomMemory, RoomMix};
+    pub use rooms::{GoalPrior, NEUTRAL, ROOMS, RoomMemory, RoomMix};
     pub use sound_field::SoundField;
     pub use source::{IntensityMemory, SourceBelief, SourceEstimate, expected_level, range_m};
 }
@@ -42,7 +40,6 @@ pub mod onnx;
 pub mod outcome;
 pub mod path;
 pub mod perception;
-pub mod reach;
 pub mod run;
 
 /// Range within which agents compare objects with goals, metres.

@@ -5,7 +5,7 @@ use crate::map::occupancy::{CELL_M, Cell, Occupancy};
 use std::collections::BinaryHeap;
 
 /// Cells between search nodes.
-pub(crate) const STRIDE: i32 = 2;
+const STRIDE: i32 = 2;
 /// Cost per metre near obstacles and through unknown cells, in metres on open floor.
 const TIGHT: f32 = 2.5;
 const UNKNOWN: f32 = 1.3;
@@ -26,7 +26,7 @@ pub struct Path {
     pub cost_m: f32,
 }
 
-pub(crate) struct Nodes {
+struct Nodes {
     /// Lowest cost so far, metres; 0 for an unvisited node.
     cost_m: Vec<f32>,
     /// Index of the side towards the predecessor, and the closed flag.
@@ -38,7 +38,7 @@ impl Nodes {
     const CLOSED: u8 = 8;
     const COLUMNS: i32 = Cell::COLUMNS / STRIDE;
 
-    pub(crate) fn new() -> Self {
+    fn new() -> Self {
         let count = (Self::COLUMNS * Self::COLUMNS) as usize;
         Self { cost_m: vec![0.0; count], before: vec![0; count], count: 0 }
     }
@@ -50,7 +50,7 @@ impl Nodes {
     }
 
     /// Records a path that enters a cell from side `before`, unless a cheaper path is known.
-    pub(crate) fn improve(&mut self, cell: Cell, cost_m: f32, before: usize) -> bool {
+    fn improve(&mut self, cell: Cell, cost_m: f32, before: usize) -> bool {
         let Some(index) = Self::index(cell) else { return false };
         let known_m = self.cost_m[index];
         let is_better = known_m == 0.0 || cost_m < known_m;
@@ -62,7 +62,7 @@ impl Nodes {
     }
 
     /// Closes a node and returns the cost; `None` if already closed.
-    pub(crate) fn close(&mut self, cell: Cell) -> Option<f32> {
+    fn close(&mut self, cell: Cell) -> Option<f32> {
         let index = Self::index(cell)?;
         let is_open = self.before[index] & Self::CLOSED == 0;
         self.before[index] |= Self::CLOSED;
@@ -70,7 +70,7 @@ impl Nodes {
     }
 
     /// Returns the lowest cost to a cell, metres; 0 for an unvisited node.
-    pub(crate) fn cost_m(&self, cell: Cell) -> f32 {
+    fn cost_m(&self, cell: Cell) -> f32 {
         Self::index(cell).map_or(0.0, |index| self.cost_m[index])
     }
 
@@ -81,25 +81,25 @@ impl Nodes {
 }
 
 /// A queue of cells by estimated cost, cheapest first.
-pub(crate) struct OpenCells(BinaryHeap<u64>);
+struct OpenCells(BinaryHeap<u64>);
 
 impl OpenCells {
     /// Creates a queue with a single cell.
-    pub(crate) fn new(cost_m: f32, cell: Cell) -> Self {
+    fn new(cost_m: f32, cell: Cell) -> Self {
         let mut queue = Self(BinaryHeap::new());
         queue.push(cost_m, cell);
         queue
     }
 
     /// Adds a cell; ignores negative indices, which are outside the map.
-    pub(crate) fn push(&mut self, cost_m: f32, cell: Cell) {
+    fn push(&mut self, cost_m: f32, cell: Cell) {
         let (Ok(column), Ok(row)) = (u16::try_from(cell.column), u16::try_from(cell.row)) else { return };
         // A single number compares faster than a tuple; column and row fix the order of equal costs.
         let cheapness = u64::from(!millimetres(cost_m));
         self.0.push(cheapness << 32 | u64::from(column) << 16 | u64::from(row));
     }
 
-    pub(crate) fn pop(&mut self) -> Option<Cell> {
+    fn pop(&mut self) -> Option<Cell> {
         let key = self.0.pop()?;
         Some(Cell { column: i32::from((key >> 16) as u16), row: i32::from(key as u16) })
     }
@@ -136,7 +136,7 @@ pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f
 }
 
 /// Returns a step's cost; `None` if the body does not fit.
-pub(crate) fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPoint) -> Option<f32> {
+fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPoint) -> Option<f32> {
     // A body that already stands too close to an obstacle must be able to leave.
     const ESCAPE_M: f32 = 0.25;
     let escapes = next.center().distance_m(from) <= ESCAPE_M && !map.is_obstacle(next);
@@ -223,6 +223,44 @@ impl PathFollower {
     }
 }
 
+/// Costs of the cheapest paths from one place to all reachable cells: one search instead of a path per destination.
+pub struct ReachField {
+    nodes: Nodes,
+}
+
+impl ReachField {
+    /// Computes the costs from `from` over known floor; with `through_unknown` also through unseen cells within `most_m`.
+    pub fn new(map: &Occupancy, from: FloorPoint, most_m: f32, through_unknown: bool) -> Self {
+        let start = Cell::at(from);
+        let mut nodes = Nodes::new();
+        nodes.improve(start, f32::MIN_POSITIVE, 0);
+        let mut open = OpenCells::new(0.0, start);
+        while let Some(cell) = open.pop() {
+            let Some(cost_m) = nodes.close(cell) else { continue };
+            if cost_m > most_m {
+                break;
+            }
+            for (side, (dc, dr)) in SIDES.into_iter().enumerate() {
+                let next = cell.moved(dc * STRIDE, dr * STRIDE);
+                if !through_unknown && map.is_unknown(next) {
+                    continue;
+                }
+                let Some(step_m) = step_cost_m(map, cell, next, from) else { continue };
+                let total_m = cost_m + step_m;
+                if nodes.improve(next, total_m, side) {
+                    open.push(total_m, next);
+                }
+            }
+        }
+        Self { nodes }
+    }
+
+    /// Returns the cost to a point, metres on open floor; `None` for an unreachable point.
+    pub fn cost_m(&self, place: FloorPoint) -> Option<f32> {
+        Some(self.nodes.cost_m(Cell::at(place))).filter(|cost_m| *cost_m > 0.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -293,5 +331,32 @@ mod tests {
         follower.path_to(&map, FloorPoint::new(1.0, 0.0), FloorPoint::new(0.05, -4.0), 0.5);
         let back = follower.path_to(&map, FloorPoint::new(1.0, 0.0), FloorPoint::new(-2.0, 2.0), 0.2);
         assert!(back.left_m <= 0.2);
+    }
+
+    const FAR_M: f32 = 100.0;
+
+    fn walled_room() -> Occupancy {
+        room().with_wall(FloorPoint::new(0.0, -2.0), FloorPoint::new(0.1, 9.0))
+    }
+
+    #[test]
+    fn costs_equal_those_of_paths() {
+        let (map, from) = (walled_room(), FloorPoint::new(-1.0, 1.0));
+        let field = ReachField::new(&map, from, FAR_M, false);
+        for goal in [FloorPoint::new(1.0, 1.0), FloorPoint::new(-2.0, -2.0), FloorPoint::new(2.0, -1.0)] {
+            let path = find_path(&map, from, goal, 0.1);
+            let cost_m = field.cost_m(goal).unwrap();
+            assert!((cost_m - path.cost_m).abs() < 0.25, "{cost_m} {}", path.cost_m);
+        }
+    }
+
+    #[test]
+    fn closed_rooms_are_unreachable() {
+        let map = walled_room().with_wall(FloorPoint::new(0.0, -4.0), FloorPoint::new(0.1, -2.0));
+        let beyond = FloorPoint::new(1.0, 1.0);
+        let from = FloorPoint::new(-1.0, 1.0);
+        assert_eq!(ReachField::new(&map, from, FAR_M, false).cost_m(beyond), None);
+        assert!(ReachField::new(&map, from, FAR_M, true).cost_m(beyond).is_some(), "around the outside");
+        assert_eq!(ReachField::new(&map, from, FAR_M, false).cost_m(FloorPoint::new(-5.0, 0.0)), None);
     }
 }

@@ -1,12 +1,9 @@
 //! The agent: memories of an episode, updated with every observation.
 
 use crate::candidate::Decision;
-use crate::goals::GoalPairing;
-use crate::ground::Aim;
-use crate::mission::MissionState;
-use crate::outcome::PendingSubmit;
+use crate::memory::{Aim, PendingSubmit, StoreyMemory};
+use crate::mission::{GoalPairing, MissionState};
 use crate::preset::{Ablation, Preset};
-use crate::sources::SourceMemory;
 use crate::stairs::StairClimber;
 use crate::trace::lines::TraceInput;
 use crate::trace::{Recorder, TraceError};
@@ -21,12 +18,10 @@ use avln_kit::explorer::MotionController;
 use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_kit::hearing::{Ear, HeardSound, SoundSchedule};
 use avln_kit::map::{
-    BearingMemory, Cell, FreshLook, GoalPrior, IntensityMemory, ObjectMemory, Occupancy, RoomMemory,
-    SoundField, Storeys,
+    BearingMemory, Cell, FreshLook, GoalPrior, IntensityMemory, ObjectMemory, Occupancy, SoundField, Storeys,
 };
 use avln_kit::path::PathFollower;
 use avln_kit::perception::{ClassicalRecognition, Hints, NetworkRecognition, Query, Recognition};
-use std::collections::BTreeMap;
 use std::{mem, sync::Arc};
 
 /// The paper's reference agent (section 4). Memories last for one episode.
@@ -78,38 +73,6 @@ pub struct PagNav {
     pub(crate) remaining_steps: u32,
     pub(crate) decision: Decision,
     trace: Option<Recorder>,
-}
-
-/// The paper's memory M_t = (R_t, O_t, A_t) for one storey, with the map.
-#[derive(Default)]
-pub(crate) struct StoreyMemory {
-    pub(crate) map: Occupancy,
-    /// R_t.
-    pub(crate) rooms: RoomMemory,
-    /// O_t.
-    pub(crate) objects: ObjectMemory,
-    /// A_int.
-    pub(crate) intensity: IntensityMemory,
-    /// A_bear by goal.
-    pub(crate) bearings: Vec<BearingMemory>,
-    /// Estimated sources, with `source_positions`.
-    pub(crate) sources: Vec<SourceMemory>,
-    /// Steps towards a candidate, and of waiting at it, by object and goal.
-    pub(crate) sought: BTreeMap<(usize, usize), u32>,
-    pub(crate) waited: BTreeMap<(usize, usize), u32>,
-    /// Visited frontiers: unseen cells behind furniture remain.
-    pub(crate) visited: Vec<FloorPoint>,
-}
-
-impl StoreyMemory {
-    fn new(goals: usize, sources: usize) -> Self {
-        Self {
-            objects: ObjectMemory::new(goals),
-            bearings: vec![BearingMemory::default(); goals],
-            sources: (0..sources).map(|_| SourceMemory::default()).collect(),
-            ..Self::default()
-        }
-    }
 }
 
 impl Default for PagNav {

@@ -2,11 +2,12 @@
 
 use crate::agent::PagNav;
 use crate::candidate::{Candidate, Evidence, SoundSupport, best};
-use crate::outcome::Readiness;
+use crate::memory::Aim;
+use crate::verify::Readiness;
 use avln_client::Action;
 use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::map::{Cell, NEUTRAL, ObjectHypothesis, ObjectMemory, range_m};
-use avln_kit::reach::ReachField;
+use avln_kit::path::ReachField;
 use std::collections::BTreeMap;
 use std::f32::consts::{PI, TAU};
 
@@ -26,17 +27,6 @@ const KEPT_STEPS: u32 = 25;
 pub(crate) const LEAST_SUPPORT: f32 = 0.05;
 /// Greatest path to a viewpoint, metres on open floor.
 const FAR_M: f32 = 60.0;
-
-/// The candidate that the agent heads for, and its viewpoint.
-#[derive(Clone, Debug)]
-pub(crate) struct Aim {
-    pub(crate) object: usize,
-    pub(crate) goal: usize,
-    viewpoint: Option<FloorPoint>,
-    steps_left: u32,
-    /// Reached viewpoints.
-    tried: Vec<FloorPoint>,
-}
 
 impl PagNav {
     /// Returns o* = argmax S_ground over the candidates O_t(g) of the active goals.

@@ -8,19 +8,19 @@
 //! | Psi_t = P(o_t, G), s_vis | `Recognition::see` and `Recognition::fit` of `avln_kit`: by default probability of the category, colour, size and shape words; for goal images, similarity of embeddings and views |
 //! | z_i = phi(q_i) | `Query::new` of `avln_kit` for words, the embedding of the central object for images |
 //! | Psi_aud | `avln_kit::hearing::Ear::hear` and `bearings_rad` |
-//! | M_t = U(M_{t-1}, Psi_t, p_t, S_t) | `PagNav::perceive` in `agent.rs`; `StoreyMemory` is M_t of one storey |
+//! | M_t = U(M_{t-1}, Psi_t, p_t, S_t) | `PagNav::perceive` in `agent.rs`; `StoreyMemory` in `memory.rs` is M_t of one storey |
 //! | R_t, Psi_room, r(x) | `avln_kit::map::RoomMemory`: `see` adds the room cue of a frame, `around` returns r(x) |
 //! | O_t, O_t(g) | `avln_kit::map::ObjectMemory::recognise`; `PagNav::select` filters by `associate` |
 //! | A_int(l, x) = max(A_int(l, x), rho) | `avln_kit::map::IntensityMemory::hear`, cells of 0.5 m |
 //! | A_bear(g) = A_bear(g) ∪ {(p, beta, rho)} | `avln_kit::map::BearingMemory::hear`, re-weighted by `weigh` |
-//! | F_t, reachable | `Occupancy::frontiers` and `avln_kit::reach::ReachField`, in `PagNav::best_frontier` |
+//! | F_t, reachable | `Occupancy::frontiers` and `avln_kit::path::ReachField`, in `PagNav::best_frontier` |
 //! | S_search, x* | `PagNav::search_score`, `PagNav::best_frontier` in `search.rs` |
 //! | P_room, P_obj, P_ctx | `avln_kit::map::GoalPrior::room`, `objects`, `context` |
 //! | s_aud | `avln_kit::map::BearingMemory::alignment` |
 //! | S_ground, o* | `candidate::Evidence::score`, `candidate::best` |
 //! | s_int | `avln_kit::map::IntensityMemory::nearness`, in `PagNav::intensity` |
 //! | viewpoint that improves the grounding | `PagNav::best_viewpoint` in `ground.rs` |
-//! | pi_t: Search, Ground, Verify | `PagNav::decide`, `PagNav::stage` in `decide.rs` |
+//! | pi_t: Search, Ground, Verify | `PagNav::decide`, `PagNav::stage` in `search.rs` |
 //! | V_t(o*, g) | `verify::Verification::of`, from a `FreshLook` of the current frame |
 //! | Submit_t = 1[V and distance and angle] | `verify::SubmitGate::warrant` |
 //! | S_t | `mission::MissionState` |
@@ -51,9 +51,8 @@
 
 mod agent;
 mod candidate;
-mod decide;
-mod goals;
 mod ground;
+mod memory;
 mod mission;
 mod outcome;
 mod preset;
@@ -68,8 +67,7 @@ mod weights;
 
 pub use agent::PagNav;
 pub use preset::{Ablation, Preset, Switch, Switches};
-pub use trace::summary::{TraceSummary, summarise};
-pub use trace::{Recorder, TraceError};
+pub use trace::{Recorder, TraceError, TraceSummary, summarise};
 pub use weights::{Weights, WeightsError};
 
 use avln_client::{MethodType, RunSummary, Sensors};

@@ -3,7 +3,8 @@
 use crate::agent::PagNav;
 use crate::candidate::Candidate;
 use crate::ground::LEAST_SUPPORT;
-use crate::verify::Warrant;
+use crate::memory::PendingSubmit;
+use crate::verify::{Readiness, Warrant};
 use crate::weights::Weights;
 use avln_client::{Action, Feedback, WrongSubmit};
 use avln_kit::geometry::{FloorPoint, Pose2d};
@@ -15,29 +16,6 @@ use avln_kit::outcome::SubmitOutcome;
 const RECENT: usize = 3;
 /// Steps beyond a cycle of the sounding windows for which the agent waits at a candidate.
 const SLACK_STEPS: u32 = 5;
-
-/// A Submit with an open outcome.
-#[derive(Clone, Copy)]
-pub(crate) struct PendingSubmit {
-    /// `None` once it is forgotten.
-    pub(crate) object: Option<usize>,
-    pub(crate) goal: usize,
-    /// The target's source, if known.
-    pub(crate) source: Option<usize>,
-    /// The outcome inferred from the source; `None` if the next observation decides.
-    pub(crate) heard: Option<SubmitOutcome>,
-}
-
-/// The state of an open gate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Readiness {
-    /// The outcome will be known or does not matter, or a located source supports the candidate.
-    Now,
-    /// The target should sound first.
-    Wait,
-    /// No source near the candidate sounded in a whole cycle.
-    Unheard,
-}
 
 impl PagNav {
     /// Returns true if an outcome can be inferred from silence.
@@ -165,7 +143,7 @@ impl PagNav {
                 (0..2).for_each(|_| self.set_object_aside(object, pending.goal));
             }
         }
-        let skips = self.wrong_submit == WrongSubmit::SkipsGoal && self.mission.is_ordered();
+        let skips = self.wrong_submit == WrongSubmit::SkipsGoal && self.mission.is_ordered;
         if found || skips {
             self.mission.complete(pending.goal);
             self.focus = None;
@@ -185,13 +163,13 @@ impl PagNav {
     fn settle_source(&mut self, source: usize, goal: usize, found: bool, here: FloorPoint) {
         if found {
             self.pairing.found(source);
-            if self.mission.is_ordered() {
+            if self.mission.is_ordered {
                 // Earlier Submits were for the previous goal.
                 self.here.sources.iter_mut().for_each(|source| source.missed.clear());
             }
         } else {
             self.pairing.missed(source, goal);
-            let all = !self.mission.is_ordered();
+            let all = !self.mission.is_ordered;
             for (index, memory) in self.here.sources.iter_mut().enumerate() {
                 if all || index == source {
                     memory.missed.push(here);

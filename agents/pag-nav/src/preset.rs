@@ -1,9 +1,7 @@
 //! Presets, switches and ablations.
 
-use crate::weights::Weights;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
-use std::sync::LazyLock;
 
 /// A named set of weights and switches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -41,14 +39,6 @@ impl Preset {
             Self::PagNav => include_str!("../presets/pag-nav.toml"),
             Self::PagNavPlus => include_str!("../presets/pag-nav-plus.toml"),
         }
-    }
-
-    /// Returns the weights.
-    pub fn weights(self) -> Weights {
-        static READ: LazyLock<[Weights; 2]> = LazyLock::new(|| {
-            Preset::ALL.map(|preset| Weights::parse(preset, "").expect("a test reads the presets"))
-        });
-        READ[self as usize].clone()
     }
 }
 

@@ -2,11 +2,11 @@
 
 use crate::agent::PagNav;
 use crate::candidate::Evidence;
-use crate::weights::Weights;
+use crate::memory::SourceMemory;
 use avln_kit::LOOK_M;
 use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::hearing::HeardSound;
-use avln_kit::map::{IntensityMemory, SoundField, SourceBelief, SourceEstimate, range_m};
+use avln_kit::map::{SoundField, SourceEstimate};
 
 /// Margin around the seen area in which sources may be, metres.
 const AROUND_M: f32 = 1.5;
@@ -14,57 +14,6 @@ const AROUND_M: f32 = 1.5;
 /// Distance to an estimate within which the object may be in view, metres, and the share of a wait that counts there.
 const BESIDE_M: f32 = 5.0;
 const BESIDE_SHARE: f32 = 0.3;
-
-/// A source's memory on one storey.
-#[derive(Default)]
-pub(crate) struct SourceMemory {
-    pub(crate) belief: SourceBelief,
-    pub(crate) estimate: Option<SourceEstimate>,
-    pub(crate) intensity: IntensityMemory,
-    /// Number of near views at the estimate, and the first viewed position.
-    pub(crate) looks: u32,
-    looked_at: FloorPoint,
-    /// Positions after unsuccessful Submits.
-    pub(crate) missed: Vec<FloorPoint>,
-    /// Steps spent heading for the source.
-    pub(crate) sought_steps: u32,
-}
-
-impl SourceMemory {
-    /// Sets the estimate. Returns true, and resets the looks, if it left the viewed position.
-    pub(crate) fn locate(&mut self, estimate: Option<SourceEstimate>) -> bool {
-        const SAME_M: f32 = 1.0;
-        self.estimate = estimate;
-        let is_there = estimate.is_some_and(|estimate| estimate.place.distance_m(self.looked_at) <= SAME_M);
-        let is_elsewhere = self.looks > 0 && !is_there;
-        if is_elsewhere {
-            self.looks = 0;
-        }
-        is_elsewhere
-    }
-
-    /// Forgets past effort if the source is louder than ever before: the agent comes nearer.
-    fn approach(&mut self, level: f32) {
-        const LOUDER: f32 = 1.3;
-        if level > LOUDER * self.intensity.loudest() {
-            self.sought_steps = 0;
-        }
-    }
-
-    /// Returns true if the estimate is certain and the source was heard within visual range.
-    pub(crate) fn is_located(&self, weights: &Weights) -> bool {
-        let heard_m = range_m(self.intensity.loudest());
-        let certainty = self.estimate.map(|estimate| estimate.certainty);
-        certainty.is_some_and(|certainty| certainty >= weights.certain) && heard_m <= weights.look_range_m
-    }
-
-    fn look_at(&mut self, place: FloorPoint) {
-        if self.looks == 0 {
-            self.looked_at = place;
-        }
-        self.looks += 1;
-    }
-}
 
 impl PagNav {
     /// Adds a sound to the belief about its source.

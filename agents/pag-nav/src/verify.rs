@@ -7,6 +7,17 @@ use avln_client::Action;
 use avln_kit::map::FreshLook;
 use serde::Serialize;
 
+/// The state of an open gate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Readiness {
+    /// The outcome will be known or does not matter, or a located source supports the candidate.
+    Now,
+    /// The target should sound first.
+    Wait,
+    /// No source near the candidate sounded in a whole cycle.
+    Unheard,
+}
+
 /// The looks that a verification demands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VerificationDemand {

@@ -3,6 +3,7 @@
 use crate::preset::{Ablation, Preset, Switches};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use std::{fs, io};
 use toml::{Table, Value};
 
@@ -175,6 +176,16 @@ impl Weights {
     /// Returns the weights for search and grounding without sound. The others stay: a candidate without sound needs the same s_vis.
     fn silent(self) -> Self {
         Self { ground_audio: 0.0, search_audio: 0.0, ..self }
+    }
+}
+
+impl Preset {
+    /// Returns the weights.
+    pub fn weights(self) -> Weights {
+        static READ: LazyLock<[Weights; 2]> = LazyLock::new(|| {
+            Preset::ALL.map(|preset| Weights::parse(preset, "").expect("a test reads the presets"))
+        });
+        READ[self as usize].clone()
     }
 }
 

@@ -1,7 +1,10 @@
 //! Demo: houses, missions, two agents and a leaderboard in one command.
 
 use super::serve::AddressArgs;
-use crate::{documents, output::say};
+use crate::{
+    documents,
+    output::{say, styled_bar},
+};
 use avln_arena::{
     Arena, Failure, SCENE_MEMORY_MIB,
     data::DataFolder,
@@ -15,7 +18,7 @@ use avln_scoring::{Key, Metric};
 use avln_store::{
     LeaderboardQuery, LeaderboardRow, Reference, RowFilter, RunChoice, RunLine, RunState, Store, Viewer,
 };
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use std::{
     path::{Path, PathBuf},
     process::Stdio,
@@ -121,7 +124,7 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
         return Ok(());
     }
     say!("Running {} agents over gRPC: {} runs", AGENTS.len(), waiting.len());
-    let mut watch = DemoProgress::new(store, phase, before, waiting.len() as u64).await?;
+    let mut watch = DemoProgress::new(store, phase, before, waiting.len()).await?;
     let mut playing: Vec<Child> = Vec::new();
     while !waiting.is_empty() || !playing.is_empty() {
         while playing.len() < RUNS_AT_ONCE
@@ -190,11 +193,10 @@ struct DemoProgress {
 }
 
 impl DemoProgress {
-    async fn new(store: &Store, phase: &str, before: Vec<RunLine>, runs: u64) -> Result<Self, Failure> {
-        let episodes = store.phase(phase).await?.episodes.len() as u64;
-        let style = ProgressStyle::with_template("{bar:30} {pos}/{len} episodes, {eta} left  {msg}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar());
-        Ok(Self { bar: ProgressBar::new(runs * episodes).with_style(style), before })
+    async fn new(store: &Store, phase: &str, before: Vec<RunLine>, runs: usize) -> Result<Self, Failure> {
+        let episodes = store.phase(phase).await?.episodes.len();
+        let bar = styled_bar("{bar:30} {pos}/{len} episodes, {eta} left  {msg}", runs * episodes);
+        Ok(Self { bar, before })
     }
 
     async fn look(&mut self, store: &Store, phase: &str) -> Result<(), Failure> {

@@ -5,7 +5,7 @@ use avln_arena::{
     Failure,
     data::DataFolder,
     now_unix_ms,
-    rescoring::{Comparison, Replayer, Scorer, check_complete, rescore},
+    replays::{Comparison, Replayer, Scorer, check_complete, rescore},
     runlog::{Entry, EpisodeHistory, History, is_signed},
 };
 use avln_scoring::{Key, Metrics, Summary};

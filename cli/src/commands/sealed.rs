@@ -4,9 +4,9 @@ use super::sealed_sandbox::{AgentExit, Sandbox, SandboxKind, failed};
 use crate::output::say;
 use avln_arena::{
     Arena, Failure,
+    actions::{SealedRunRequest, start_sealed_run},
     data::DataFolder,
     now_unix_ms,
-    runs::{SealedRunRequest, start_sealed_run},
     servers::RunningServers,
 };
 use avln_episode::Order;

@@ -13,7 +13,6 @@ mod talk;
 #[cfg(test)]
 mod tests;
 mod trials;
-mod unary;
 
 pub use checks::{Check, Outcome, check};
 pub use host::Host;

@@ -1,12 +1,59 @@
-//! A stream of the test server: frames of the slots, and faults that break them.
+//! State of the test server, and its streams: frames of the slots, and faults that break them.
 
 use crate::frames;
-use crate::host::{Fake, OBSERVATION_DELAY, REFUSED_CALLS};
 use crate::scenario::InjectedFault;
-use crate::trials::{FAULT_STEP, NONCE, OpenEpisode, TrialRun};
+use crate::trials::{FAULT_STEP, NONCE, OpenEpisode, Transport, TrialRun};
 use avln_proto::v1::{self, play_request::Frame as Up, play_response::Frame as Down};
-use tokio::{sync::mpsc, time::sleep};
+use std::{sync::Arc, time::Duration};
+use tokio::{
+    sync::{Mutex, mpsc, watch},
+    time::sleep,
+};
 use tonic::{Status, Streaming};
+
+pub(crate) const OBSERVATION_DELAY: Duration = Duration::from_secs(3);
+/// Streams or unary calls refused by an unreachable server.
+pub(crate) const REFUSED_CALLS: u32 = 3;
+
+/// The test server's services.
+#[derive(Clone)]
+pub(crate) struct Fake {
+    pub(crate) run: Arc<Mutex<TrialRun>>,
+    pub(crate) frame_counter: Arc<watch::Sender<u64>>,
+}
+
+impl Fake {
+    pub(crate) fn count_frame(&self) {
+        self.frame_counter.send_modify(|frames_seen| *frames_seen += 1);
+    }
+
+    /// Ends the run.
+    pub(crate) fn finish(&self, run: &mut TrialRun) {
+        run.finish();
+        self.count_frame();
+    }
+
+    /// Refuses a call after the end, in a second transport, or to an unreachable server.
+    pub(crate) fn admit(&self, run: &mut TrialRun, transport: Transport) -> Result<(), Status> {
+        self.count_frame();
+        if run.is_done {
+            run.violation(None, "the client made another call after the end");
+            run.is_disturbed = true;
+            self.count_frame();
+            let reason = if run.is_over() { v1::Reason::RunOver } else { v1::Reason::Superseded };
+            return Err(frames::refusal(reason, None));
+        }
+        if *run.transport.get_or_insert(transport) != transport {
+            run.violation(None, "the client used a stream and unary calls in the same run");
+            return Err(frames::refusal(v1::Reason::BadRequest, None));
+        }
+        if run.refuse > 0 {
+            run.refuse -= 1;
+            return Err(Status::unavailable("the conformance kit refuses this call"));
+        }
+        Ok(())
+    }
+}
 
 /// Delay requested by a draining server, seconds.
 const DRAIN_S: u32 = 1;

@@ -204,6 +204,18 @@ def test_cheap_senses_have_documented_shapes() -> None:
     envs.close()
 
 
+def test_half_pixel_images_are_close_to_exact_ones() -> None:
+    exact, coarse = (vector(1, size=64, senses=("depth",), detail=detail) for detail in ("exact", "half_pixel"))
+    assert exact.observation_digest != coarse.observation_digest
+    same, other = (envs.reset(seed=1)[0]["depth"] for envs in (exact, coarse))
+    assert (same != other).any()
+    assert (abs(same - other) < 0.1).mean() > 0.9
+    exact.close()
+    coarse.close()
+    with pytest.raises(ValueError, match="`detail` is 'full'; use one of: exact, half_pixel"):
+        vector(1, detail="full")
+
+
 def test_an_invalid_action_affects_no_other_environment() -> None:
     envs = vector()
     envs.reset(seed=1)

@@ -2,17 +2,19 @@
 
 use crate::calls::{Backoff, Greeting, greet};
 use crate::error::Error;
-use crate::resend_buffer::ResendBuffer;
 use crate::summary::Notice;
 use crate::welcome::Agreement;
-use avln_proto::v1::{self, play_request, play_response::Frame};
+use avln_proto::v1;
+use avln_proto::v1::play_request::Frame as Sent;
+use avln_proto::v1::play_response::Frame as Arrived;
 use std::mem;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
-use tonic::{Status, Streaming, transport::Channel};
+use tonic::transport::Channel;
+use tonic::{Status, Streaming};
 
 const MAX_NOTICES: usize = 64;
 // A slot has a single observation in flight, so a full queue indicates a server fault.
@@ -82,7 +84,7 @@ impl Connection {
     }
 
     /// Sends a frame, after a loss on the next stream.
-    pub(crate) async fn send(&self, frame: play_request::Frame) {
+    pub(crate) async fn send(&self, frame: Sent) {
         // Buffered before it is sent, and under the lock that a reconnection takes: a frame is then either in the
         // buffer and resent, or sent on the new stream. A final loss reaches the caller as `Event::Closed`.
         let requests = {
@@ -187,21 +189,21 @@ impl Reader {
         let Some(frame) = response.frame else { return };
         let (gone, is_new) = {
             let mut state = lock(&self.state);
-            let gone = matches!(&frame, Frame::Fault(fault) if state.buffer.is_gone(fault));
+            let gone = matches!(&frame, Arrived::Fault(fault) if state.buffer.is_gone(fault));
             (gone, state.buffer.arrived(&frame))
         };
         match frame {
-            Frame::EpisodeStart(start) => self.to(start.slot, Event::Start(Box::new(start))).await,
-            Frame::Observation(seen) if is_new => {
+            Arrived::EpisodeStart(start) => self.to(start.slot, Event::Start(Box::new(start))).await,
+            Arrived::Observation(seen) if is_new => {
                 self.to(seen.slot, Event::Observation(Box::new(seen))).await;
             }
-            Frame::EpisodeEnd(end) => self.to(end.slot, Event::End(end)).await,
-            Frame::Fault(fault) => self.deliver_fault(fault, gone).await,
-            Frame::RunEnd(end) => self.to_all(|| Event::RunEnd(end.clone())).await,
-            Frame::Ping(ping) => self.answer(&ping),
-            Frame::Notice(notice) => self.note(notice),
+            Arrived::EpisodeEnd(end) => self.to(end.slot, Event::End(end)).await,
+            Arrived::Fault(fault) => self.deliver_fault(fault, gone).await,
+            Arrived::RunEnd(end) => self.to_all(|| Event::RunEnd(end.clone())).await,
+            Arrived::Ping(ping) => self.answer(&ping),
+            Arrived::Notice(notice) => self.note(notice),
             // The server repeats the latest observation after a reconnection.
-            Frame::Welcome(_) | Frame::Observation(_) => {}
+            Arrived::Welcome(_) | Arrived::Observation(_) => {}
         }
     }
 
@@ -231,7 +233,7 @@ impl Reader {
 
     fn answer(&self, ping: &v1::Ping) {
         // Waiting for a full queue would block the reader, and a connection survives without a Pong.
-        let frame = play_request::Frame::Pong(v1::Pong { nonce: ping.nonce });
+        let frame = Sent::Pong(v1::Pong { nonce: ping.nonce });
         let _ = lock(&self.state).requests.try_send(v1::PlayRequest { frame: Some(frame) });
     }
 
@@ -251,5 +253,194 @@ fn lost_episode_end(fault: v1::Fault) -> v1::EpisodeEnd {
         step: fault.step,
         reason: v1::EndReason::ServerFault.into(),
         ..v1::EpisodeEnd::default()
+    }
+}
+
+/// A run's slots from the client's perspective.
+#[derive(Debug, Default)]
+pub(crate) struct ResendBuffer {
+    slots: Vec<SlotBuffer>,
+    goodbye_sent: bool,
+    /// RunEnd was received.
+    pub(crate) is_over: bool,
+}
+
+#[derive(Debug, Default)]
+struct SlotBuffer {
+    /// Open episode and last received step.
+    received: Option<(String, u32)>,
+    // The protocol permits one pending request per slot, so a single frame suffices.
+    unanswered: Option<Sent>,
+}
+
+impl ResendBuffer {
+    pub(crate) fn new(slots: u32) -> Self {
+        Self { slots: (0..slots).map(|_| SlotBuffer::default()).collect(), ..Self::default() }
+    }
+
+    fn slot(&mut self, slot: u32) -> Option<&mut SlotBuffer> {
+        self.slots.get_mut(usize::try_from(slot).ok()?)
+    }
+
+    pub(crate) fn sending(&mut self, frame: &Sent) {
+        let slot = match frame {
+            Sent::Ready(ready) => ready.slot,
+            Sent::Act(act) => act.slot,
+            Sent::Abandon(abandon) => abandon.slot,
+            Sent::Goodbye(_) => {
+                self.goodbye_sent = true;
+                return;
+            }
+            // Specific to a stream.
+            Sent::Hello(_) | Sent::Pong(_) => return,
+        };
+        if let Some(slot) = self.slot(slot) {
+            slot.unanswered = Some(frame.clone());
+        }
+    }
+
+    /// Records a received frame; returns false for a repeated observation.
+    pub(crate) fn arrived(&mut self, frame: &Arrived) -> bool {
+        match frame {
+            Arrived::EpisodeStart(start) => {
+                if let Some(slot) = self.slot(start.slot) {
+                    let step = start.observation.as_ref().map_or(0, |seen| seen.step);
+                    *slot = SlotBuffer { received: Some((start.episode.clone(), step)), unanswered: None };
+                }
+            }
+            Arrived::Observation(seen) => {
+                return self.slot(seen.slot).is_none_or(|slot| slot.observed(&seen.episode, seen.step));
+            }
+            Arrived::EpisodeEnd(end) => {
+                if let Some(slot) = self.slot(end.slot).filter(|slot| slot.has_episode(&end.episode)) {
+                    *slot = SlotBuffer::default();
+                }
+            }
+            // The refused frame changed nothing on the server and must not be resent.
+            Arrived::Fault(v1::Fault { slot: Some(slot), recoverable: true, .. }) => {
+                if let Some(slot) = self.slot(*slot) {
+                    slot.unanswered = None;
+                }
+            }
+            Arrived::RunEnd(_) => self.is_over = true,
+            _ => {}
+        }
+        true
+    }
+
+    /// Returns the last received steps for Hello.
+    pub(crate) fn known(&self) -> Vec<v1::SlotPosition> {
+        let position = |(slot, buffer): (u32, &SlotBuffer)| {
+            let (episode, step) = buffer.received.clone()?;
+            Some(v1::SlotPosition { slot, episode, step })
+        };
+        (0..).zip(&self.slots).filter_map(position).collect()
+    }
+
+    /// Returns the frames to resend, given the server's slot positions.
+    pub(crate) fn to_repeat(&self, resumed: &[v1::SlotPosition]) -> Vec<Sent> {
+        let again = |(slot, buffer): (u32, &SlotBuffer)| {
+            let there = resumed.iter().find(|position| position.slot == slot);
+            buffer.unanswered.clone().filter(|frame| match (frame, there) {
+                // With a position the episode has begun, and the server resends EpisodeStart itself.
+                (Sent::Ready(_), there) => there.is_none(),
+                // At a later step the action was taken, and the observation is on the way.
+                (Sent::Act(act), Some(there)) => act.episode == there.episode && act.step == there.step + 1,
+                // Without a position the episode has ended, and EpisodeEnd is on the way.
+                (_, there) => there.is_some(),
+            })
+        };
+        let goodbye = self.goodbye_sent.then_some(Sent::Goodbye(v1::Goodbye { pause: false }));
+        (0..).zip(&self.slots).filter_map(again).chain(goodbye).collect()
+    }
+
+    /// Returns true if `fault` reports a lost episode.
+    pub(crate) fn is_gone(&self, fault: &v1::Fault) -> bool {
+        let slot = fault.slot.and_then(|slot| self.slots.get(slot as usize));
+        fault.reason() == v1::Reason::EpisodeUnknown
+            && slot.is_some_and(|slot| slot.has_episode(&fault.episode))
+    }
+}
+
+impl SlotBuffer {
+    fn has_episode(&self, episode: &str) -> bool {
+        self.received.as_ref().is_some_and(|(known, _)| known == episode)
+    }
+
+    fn observed(&mut self, episode: &str, step: u32) -> bool {
+        let Some((_, last)) = self.received.as_mut().filter(|(known, _)| known == episode) else {
+            return true;
+        };
+        if step <= *last {
+            return false;
+        }
+        *last = step;
+        self.unanswered = None;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn act(step: u32) -> Sent {
+        Sent::Act(v1::Act { slot: 0, episode: "ep_a".into(), step, action: 1 })
+    }
+
+    fn seen(step: u32) -> Arrived {
+        Arrived::Observation(v1::Observation { episode: "ep_a".into(), step, ..v1::Observation::default() })
+    }
+
+    fn at(step: u32) -> Vec<v1::SlotPosition> {
+        vec![v1::SlotPosition { slot: 0, episode: "ep_a".into(), step }]
+    }
+
+    fn begun() -> ResendBuffer {
+        let mut buffer = ResendBuffer::new(2);
+        buffer.sending(&Sent::Ready(v1::Ready { slot: 0 }));
+        buffer.arrived(&Arrived::EpisodeStart(v1::EpisodeStart {
+            episode: "ep_a".into(),
+            ..v1::EpisodeStart::default()
+        }));
+        buffer
+    }
+
+    #[test]
+    fn only_untaken_actions_are_resent() {
+        let mut buffer = begun();
+        assert!(buffer.to_repeat(&at(0)).is_empty());
+        buffer.sending(&act(1));
+        assert_eq!(buffer.to_repeat(&at(0)), [act(1)]);
+        assert!(buffer.to_repeat(&at(1)).is_empty(), "its result is on its way");
+        assert!(buffer.to_repeat(&[]).is_empty(), "the episode is over, and its end on its way");
+        assert!(buffer.arrived(&seen(1)));
+        assert!(buffer.to_repeat(&at(1)).is_empty());
+        assert_eq!(buffer.known(), at(1));
+    }
+
+    #[test]
+    fn duplicates_and_new_frames_are_distinguished() {
+        let mut buffer = begun();
+        assert!(!buffer.arrived(&seen(0)));
+        assert!(buffer.arrived(&seen(1)));
+        assert!(!buffer.arrived(&seen(1)));
+    }
+
+    #[test]
+    fn ready_is_resent_without_episode_start() {
+        let ready = Sent::Ready(v1::Ready { slot: 1 });
+        let mut buffer = begun();
+        buffer.sending(&ready);
+        assert_eq!(buffer.to_repeat(&at(0)), [ready]);
+        let both = [at(0), vec![v1::SlotPosition { slot: 1, episode: "ep_b".into(), step: 0 }]].concat();
+        assert!(buffer.to_repeat(&both).is_empty());
+    }
+
+    #[test]
+    fn goodbye_is_said_again() {
+        let mut buffer = begun();
+        buffer.sending(&Sent::Goodbye(v1::Goodbye { pause: false }));
+        assert_eq!(buffer.to_repeat(&at(0)), [Sent::Goodbye(v1::Goodbye { pause: false })]);
     }
 }

@@ -125,28 +125,23 @@ mod client;
 mod connect_options;
 mod connection;
 mod error;
-mod method_type;
 mod observation;
 mod play;
-mod pose;
-mod resend_buffer;
 mod service;
 mod slot;
 mod summary;
 mod task;
 mod welcome;
 
-pub use action::{Action, EndReason, Order, UnknownOrder};
+pub use action::{Action, EndReason, MethodType, Order, UnknownMethodType, UnknownOrder};
 pub use agent::{Agent, evaluate, evaluate_slots, evaluate_with};
 pub use avln_proto::v1::Reason;
 pub use client::Client;
 pub use connect_options::{ConnectOptions, Packing};
 pub use error::Error;
-pub use method_type::{MethodType, UnknownMethodType};
 pub use nalgebra;
-pub use observation::{Audio, DepthImage, Feedback, GoalCue, Image, Mission, Observation, RgbImage};
+pub use observation::{Audio, DepthImage, Feedback, GoalCue, Image, Mission, Observation, Pose, RgbImage};
 pub use play::{Episode, Episodes, Play};
-pub use pose::Pose;
 pub use service::{
     Account, Phase, PhaseState, Quota, QuotaWindow, Run, RunOptions, RunState, RunStatus, RunWatch,
     ServerInfo,

@@ -1,8 +1,7 @@
 //! Phases, runs, quota and account.
 
-use crate::action::{EndReason, Order, wire_enum};
+use crate::action::{EndReason, MethodType, Order, wire_enum};
 use crate::error::Error;
-use crate::method_type::MethodType;
 use crate::summary::{self, Metric, Progress};
 use crate::task::FeedbackRule;
 use avln_proto::v1;

@@ -2,8 +2,7 @@
 
 use crate::connect_options::Packing;
 use crate::error::Error;
-use crate::observation::{Audio, DepthImage, Feedback, Image, Observation};
-use crate::pose::Pose;
+use crate::observation::{Audio, DepthImage, Feedback, Image, Observation, Pose};
 use crate::task::{Sensors, TaskSpec};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};

@@ -109,6 +109,12 @@ pub(super) fn claimable(order: Order, open: &[usize]) -> &[usize] {
     }
 }
 
+/// Returns the direction of a floor position `aim` from straight ahead, radians, -π to π, positive to the left.
+pub(super) fn bearing_rad(here: [f32; 2], heading_rad: f32, aim: [f32; 2]) -> f32 {
+    let bearing_rad = (here[0] - aim[0]).atan2(here[1] - aim[1]);
+    (bearing_rad - heading_rad + PI).rem_euclid(TAU) - PI
+}
+
 /// Converts a world position to the agent's frame, with origin `start`.
 fn in_agent_frame(start: &Pose, place: &Point3<f32>) -> Point3<f32> {
     Pose::new(*place, 0.0).relative_to(start).position
@@ -117,9 +123,8 @@ fn in_agent_frame(start: &Pose, place: &Point3<f32>) -> Point3<f32> {
 /// Returns `true` if a box's centre is within 45 degrees of the view direction.
 fn is_ahead(pose: &Pose, bounds: &Aabb) -> bool {
     let middle = bounds.min + (bounds.max - bounds.min) * 0.5;
-    let here = pose.position;
-    let bearing_rad = (here.x - middle.x).atan2(here.z - middle.z) - pose.heading_rad;
-    ((bearing_rad + PI).rem_euclid(TAU) - PI).abs() <= FRAC_PI_4
+    let [here, middle] = [&pose.position, &middle].map(|place| [place.x, place.z]);
+    bearing_rad(here, pose.heading_rad, middle).abs() <= FRAC_PI_4
 }
 
 /// Returns the hint for a visible target: the box in the agent's frame, heights above the floor.

@@ -24,7 +24,7 @@ pub(super) struct SuiteFolder {
     data: DataFolder,
     dataset: PathBuf,
     /// Key without agent, order and episode.
-    edition: EpisodeKey,
+    pub(super) edition: EpisodeKey,
     pub(super) split: Arc<SplitFolder>,
     pub(super) rules: Rules,
     _lock: File,
@@ -83,11 +83,6 @@ impl SuiteFolder {
             |episode: &PhaseEpisode| episode.episode.rsplit_once('-').map(|(_, number)| number.to_owned());
         episodes.sort_by_key(|episode| (number(episode), episode.scene.clone()));
         Ok(episodes)
-    }
-
-    /// Returns the track's name in results.
-    pub(super) fn track(&self) -> &str {
-        &self.edition.track
     }
 
     /// Returns an episode's key for this build, split and rules.

@@ -1,6 +1,6 @@
 //! The oracle: a privileged agent that walks the reference tour, for the suite, rollouts and leaderboards' upper bounds.
 
-use super::hints::{EpisodeState, LiveEpisodes, TrueHints, claimable};
+use super::hints::{EpisodeState, LiveEpisodes, TrueHints, bearing_rad, claimable};
 use super::host::{self, client_order, mission_of};
 use avln_arena::actions::{TokenRequest, issue, note};
 use avln_arena::challenge::actor;
@@ -14,7 +14,7 @@ use avln_referee::Referee;
 use avln_store::{Phase, Reference, Run, RunState, Store, TokenHash, TokenScope};
 use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// A world position on the floor: x and z, metres.
@@ -62,8 +62,7 @@ impl Walker {
         let (place, heading_rad) = self.locate(pose);
         let ahead = path.iter().copied().find(|corner| distance_m(*corner, place) >= PASSED_M);
         let aim = ahead.or(path.last().copied()).unwrap_or(place);
-        let bearing_rad = (place[0] - aim[0]).atan2(place[1] - aim[1]);
-        let turn_rad = (bearing_rad - heading_rad + PI).rem_euclid(TAU) - PI;
+        let turn_rad = bearing_rad(place, heading_rad, aim);
         let toward = if turn_rad > 0.0 { Action::TurnLeft } else { Action::TurnRight };
         // Sliding along a wall moves the body a little: less than 2 cm means stuck.
         if self.last == Action::MoveForward && distance_m(self.before, place) < 0.02 {
@@ -74,9 +73,7 @@ impl Walker {
         (self.before, self.last) = (place, action);
         action
     }
-}
 
-impl Walker {
     /// Returns the actions that free a body stuck at `place`, in reverse order: one turn, and one more each time that it is stuck
     /// there again, until it has looked all around.
     fn way_out_of(&mut self, place: FloorPoint, toward: Action) -> Vec<Action> {

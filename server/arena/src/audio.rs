@@ -298,8 +298,7 @@ fn temporary(folder: &Path) -> io::Result<PathBuf> {
 }
 
 fn cannot_store(what: &str, folder: &Path, error: impl std::fmt::Display) -> Failure {
-    Failure::data(format!("cannot store {what} in {}: {error}", folder.display()))
-        .hinted("check write permission and free space")
+    Failure::file(&format!("store {what} in"), folder, error).hinted("check write permission and free space")
 }
 
 #[cfg(test)]

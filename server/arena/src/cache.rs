@@ -46,8 +46,7 @@ impl CacheFolder {
         let written =
             fs::create_dir_all(folder).and_then(|()| fs::write(folder.join(LIMIT_FILE), gib.to_string()));
         written.map_err(|error| {
-            let message = format!("cannot store the cache limit in {}: {error}", folder.display());
-            Failure::data(message).hinted("add write permission")
+            Failure::file("store the cache limit in", folder, error).hinted("add write permission")
         })
     }
 

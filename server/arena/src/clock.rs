@@ -1,9 +1,10 @@
-//! The wall clock and the monotonic clock of an arena.
+//! The wall clock and the monotonic clock of an arena; the heartbeat, and deadlines after clock changes.
 
-use crate::now_unix_ms;
+use crate::{Arena, failure::refusal, lock, now_unix_ms};
+use avln_grpc::Refusal;
 use std::{
     sync::{
-        Arc,
+        Arc, Mutex,
         atomic::{AtomicI64, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
@@ -95,6 +96,59 @@ impl ClockReading {
     }
 }
 
+/// Heartbeat interval; also the precision for measured downtime.
+const INTERVAL: Duration = Duration::from_secs(10);
+
+pub(crate) struct Heartbeat {
+    /// Last reading with deadlines that follow it. Locked while deadlines move, because no other call may use them meanwhile.
+    last: tokio::sync::Mutex<ClockReading>,
+    /// Age at the last stored heartbeat; `None` before the first.
+    recorded: Mutex<Option<Duration>>,
+}
+
+impl Heartbeat {
+    pub(crate) fn new(clock: &Clock) -> Self {
+        Self { last: tokio::sync::Mutex::new(clock.read()), recorded: Mutex::default() }
+    }
+
+    fn is_due(&self, age: Duration) -> bool {
+        lock(&self.recorded).is_none_or(|recorded| age.saturating_sub(recorded) >= INTERVAL)
+    }
+}
+
+impl Arena {
+    /// Returns the wall clock, after deadlines of open runs have followed a change of it. Decisions about deadlines need this
+    /// time: a run must neither expire nor gain time between a change and the next look for expired runs.
+    pub(crate) async fn settled_now(&self) -> Result<i64, Refusal> {
+        Ok(self.settled_reading().await?.now_unix_ms)
+    }
+
+    async fn settled_reading(&self) -> Result<ClockReading, Refusal> {
+        let mut last = self.heartbeat.last.lock().await;
+        let reading = self.clock.read();
+        let by_ms = reading.set_by_ms(&last);
+        if by_ms != 0 {
+            // On an error the last reading stays, so that the next call moves the deadlines.
+            let runs = self.store.follow_clock(by_ms, reading.now_unix_ms).await.map_err(refusal)?;
+            tracing::warn!(by_ms, runs, "the system clock was set; deadlines of open runs moved with it");
+        }
+        *last = reading;
+        Ok(reading)
+    }
+
+    /// Returns the runs past their deadline, and records that the server is alive.
+    pub(crate) async fn overdue_runs(&self) -> Result<Vec<String>, Refusal> {
+        let ClockReading { now_unix_ms, age } = self.settled_reading().await?;
+        // Before the heartbeat: after a failure here, the next call retries both.
+        self.flush_pending_returns().await?;
+        if self.heartbeat.is_due(age) {
+            self.store.record_heartbeat(now_unix_ms).await.map_err(refusal)?;
+            *lock(&self.heartbeat.recorded) = Some(age);
+        }
+        self.store.overdue(now_unix_ms).await.map_err(refusal)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,5 +185,18 @@ mod tests {
         clock.clone().set_by(-86_400_000);
         let set_by_ms = clock.read().set_by_ms(&before);
         assert!((-86_400_000 - set_by_ms).abs() < 1000, "{set_by_ms}");
+    }
+
+    #[test]
+    fn heartbeat_is_due_initially_and_every_ten_seconds() {
+        let heartbeat = Heartbeat::new(&Clock::default());
+        let due = (0..31).map(Duration::from_secs).filter(|&age| {
+            let is_due = heartbeat.is_due(age);
+            if is_due {
+                *lock(&heartbeat.recorded) = Some(age);
+            }
+            is_due
+        });
+        assert_eq!(due.map(|age| age.as_secs()).collect::<Vec<_>>(), [0, 10, 20, 30]);
     }
 }

@@ -3,10 +3,11 @@
 use crate::{
     Failure,
     audio::{HeadFolder, SoundFolder},
-    backup::sync_folder,
     cache::CacheFolder,
     dataset::{DatasetFiles, SplitFolder},
+    private_file,
     runlog::{RunLogs, SigningKey},
+    sync_folder,
 };
 use avln_dataset::Split;
 use avln_episode::{HeadRule, Rules, Sounds};
@@ -15,7 +16,7 @@ use avln_store::Store;
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{
-    fs::{File, OpenOptions, TryLockError},
+    fs::{File, TryLockError},
     io::{self, Read, Seek, Write},
     path::{Path, PathBuf},
     sync::Arc,
@@ -36,7 +37,7 @@ impl DataFolder {
     /// Opens the folder, or creates it. Removes other users' access to it; prints a warning where this is impossible.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
-            Failure::data(format!("cannot write to data folder {}: {error}", root.display()))
+            Failure::file("write to data folder", root, error)
                 .hinted("choose another folder with --data FOLDER, or add write permission")
         };
         let folders = [root.to_owned(), root.join("splits")];
@@ -304,14 +305,6 @@ fn make_private(folder: &Path) -> io::Result<()> {
 #[cfg(not(unix))]
 fn make_private(_: &Path) -> io::Result<()> {
     Ok(())
-}
-
-/// Returns options for a file that, if created, is accessible by its owner only.
-pub(crate) fn private_file() -> OpenOptions {
-    let mut options = OpenOptions::new();
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    options
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! Episodes in play: issue, hosting, scoring and storage.
 
 use crate::{
-    Arena, Failure, PendingReturns,
+    Arena, Failure,
     budget::{Budget, MemoryUse},
-    conversion::refusal,
-    ids,
+    failure::refusal,
+    ids, lock,
     phases::{HostedPhase, SceneCache},
     runlog::{Entry, RunLog, SlotLog},
 };
@@ -13,13 +13,13 @@ use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensor
 use avln_grpc::{Episode, HostedEpisode, Reason, Refusal, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError, StepOutcome, episode_sources};
 use avln_scoring::{Metric, Metrics, score};
-use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, StoreError, TimeAccount};
+use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, TimeAccount};
 use avln_truth::{EpisodeTruth, Record};
 use avln_world::SceneAssets;
 use std::{
     collections::BTreeMap,
     fmt,
-    sync::{Arc, MutexGuard, PoisonError},
+    sync::{Arc, MutexGuard},
 };
 use tokio::task::spawn_blocking;
 use tracing::Instrument;
@@ -240,53 +240,6 @@ impl Arena {
         Ok((recorded.counts && phase.shows_metrics()).then(|| outcome(&metrics)))
     }
 
-    /// Returns an episode without a result, so that it is reissued; later, if the database fails.
-    pub(crate) async fn return_episode(&self, run: &str, handle: &str, cause: ReturnCause) {
-        let Err(error) = self.try_return_episode(run, handle, cause).await else { return };
-        // Without another attempt the run would wait for this episode until the next server start.
-        tracing::error!(run, handle, %error, "cannot reissue an episode; it is reissued later");
-        if cause == ReturnCause::Server {
-            self.log_loss(run, handle).await;
-        }
-        self.pending_returns().insert((run.to_owned(), handle.to_owned()), cause);
-    }
-
-    async fn try_return_episode(
-        &self,
-        run: &str,
-        handle: &str,
-        cause: ReturnCause,
-    ) -> Result<(), StoreError> {
-        let now_unix_ms = self.clock.now_unix_ms();
-        match cause {
-            ReturnCause::Agent => self.store.return_episode(run, handle).await.map(drop),
-            ReturnCause::Server => self.store.reopen_episode(run, handle, now_unix_ms).await.map(drop),
-        }
-    }
-
-    /// Logs a loss that the database does not contain: otherwise, a restarted server would continue or score an attempt that the
-    /// agent was told is lost.
-    async fn log_loss(&self, run: &str, handle: &str) {
-        let (logs, at_ms) = (self.logs.clone(), self.clock.now_unix_ms());
-        let (run, handle) = (run.to_owned(), handle.to_owned());
-        let logged = spawn_blocking(move || logs.write_loss(&run, handle, at_ms)).await;
-        if let Err(error) = logged.map_err(|error| error.to_string()).flatten() {
-            tracing::error!(error, "cannot log the loss of an episode");
-        }
-    }
-
-    /// Returns the episodes from earlier failed attempts.
-    pub(crate) async fn flush_pending_returns(&self) -> Result<(), Refusal> {
-        loop {
-            let first = self.pending_returns().first_key_value().map(|(key, cause)| (key.clone(), *cause));
-            let Some((key, cause)) = first else { return Ok(()) };
-            let (run, handle) = &key;
-            self.try_return_episode(run, handle, cause).await.map_err(refusal)?;
-            self.sign_if_over(&self.store.run(run).await.map_err(refusal)?).await;
-            self.pending_returns().remove(&key);
-        }
-    }
-
     pub(crate) async fn sign_if_over(&self, run: &Run) {
         if run.state.is_open() {
             return;
@@ -343,11 +296,7 @@ impl Arena {
     }
 
     pub(crate) fn open_episodes(&self) -> MutexGuard<'_, OpenEpisodes> {
-        self.open_episodes.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn pending_returns(&self) -> MutexGuard<'_, PendingReturns> {
-        self.pending_returns.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.open_episodes)
     }
 }
 

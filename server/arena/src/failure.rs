@@ -1,6 +1,15 @@
-//! Command failures.
+//! Command failures, and refusals of the gRPC server for store errors.
 
-use std::{fmt, path::Path, process::ExitCode};
+use crate::now_unix_ms;
+use avln_dataset::DatasetError;
+use avln_grpc::{Reason, Refusal};
+use avln_store::{QuotaWindow, StoreError};
+use std::{
+    fmt,
+    path::Path,
+    process::ExitCode,
+    sync::atomic::{AtomicU64, Ordering},
+};
 
 /// A failed command: message, next step and exit code.
 #[derive(Debug, thiserror::Error)]
@@ -86,14 +95,67 @@ impl Failure {
     }
 }
 
-impl From<avln_store::StoreError> for Failure {
-    fn from(error: avln_store::StoreError) -> Self {
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
         Self::data(error)
     }
 }
 
-impl From<avln_dataset::DatasetError> for Failure {
-    fn from(error: avln_dataset::DatasetError) -> Self {
+impl From<DatasetError> for Failure {
+    fn from(error: DatasetError) -> Self {
         Self::scene(error)
     }
+}
+
+// One counter per process: the web page and the metrics report all arenas together.
+static FAULTS: AtomicU64 = AtomicU64::new(0);
+
+/// Counts the store failures since the process start.
+pub fn fault_count() -> u64 {
+    FAULTS.load(Ordering::Relaxed)
+}
+
+/// Converts a store error. An agent's fault becomes a refusal, all else a server fault.
+pub(crate) fn refusal(error: StoreError) -> Refusal {
+    let reason = match &error {
+        StoreError::Unknown { what: "phase", .. } => Reason::PhaseUnknown,
+        StoreError::Unknown { what: "run", .. } => Reason::RunUnknown,
+        StoreError::PhaseClosed(_) => Reason::PhaseClosed,
+        StoreError::PhaseNotOpen { .. } => Reason::PhaseNotOpen,
+        StoreError::PhasePaused { .. } => Reason::PhasePaused,
+        StoreError::PhaseNotVisible { .. } => Reason::PhaseNotVisible,
+        StoreError::TeamNotApproved { .. } | StoreError::PhaseSealed(_) => Reason::TeamNotApproved,
+        StoreError::QuotaUsed(quota) => quota_reason(quota.window),
+        StoreError::RunOver { .. } => Reason::RunOver,
+        StoreError::OrderNotAllowed { .. } | StoreError::Taken { .. } => Reason::BadRequest,
+        _ => {
+            FAULTS.fetch_add(1, Ordering::Relaxed);
+            return Refusal::internal(error);
+        }
+    };
+    let refusal = Refusal::new(reason, error.to_string());
+    let retry_unix_ms = match error {
+        StoreError::PhaseNotOpen { opens_unix_ms, .. } => Some(opens_unix_ms),
+        StoreError::QuotaUsed(quota) => quota.next_increase_unix_ms,
+        _ => None,
+    };
+    match retry_unix_ms {
+        Some(moment) => refusal.retry_after(seconds_until(moment, now_unix_ms())),
+        None => refusal,
+    }
+}
+
+fn quota_reason(window: QuotaWindow) -> Reason {
+    match window {
+        QuotaWindow::Day => Reason::QuotaDay,
+        QuotaWindow::Month => Reason::QuotaMonth,
+        QuotaWindow::Total | QuotaWindow::Uncharged => Reason::QuotaTotal,
+        QuotaWindow::Concurrent => Reason::QuotaConcurrent,
+    }
+}
+
+/// Returns the seconds until `moment`, rounded up and at least 1.
+fn seconds_until(moment_unix_ms: i64, now_unix_ms: i64) -> u32 {
+    let seconds = (moment_unix_ms - now_unix_ms).max(0) / 1000 + 1;
+    u32::try_from(seconds).unwrap_or(u32::MAX)
 }

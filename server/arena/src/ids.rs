@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use avln_dataset::SplitSecret;
+use std::sync::Arc;
 
 /// Returns 128 random bits in hexadecimal.
 pub fn random_hex() -> Result<String, getrandom::Error> {
@@ -20,6 +21,36 @@ pub fn random_secret() -> Result<SplitSecret, Failure> {
 /// Returns a new token with a prefix by kind: `avln_account_…`, `avln_run_…`.
 pub fn new_token(kind: &str) -> Result<String, getrandom::Error> {
     Ok(format!("avln_{kind}_{}{}", random_hex()?, random_hex()?))
+}
+
+/// A run id and a token.
+#[derive(Clone, Debug)]
+pub struct IssuedRun {
+    /// Run id.
+    pub run: String,
+    /// Token for this run only.
+    pub token: String,
+}
+
+impl IssuedRun {
+    pub(crate) fn random() -> Result<Self, getrandom::Error> {
+        Ok(Self { run: format!("run_{}", random_hex()?), token: new_token("run")? })
+    }
+}
+
+/// Source of run ids: random by default, or a function for simulations.
+#[derive(Clone, Default)]
+pub(crate) struct RunIds(pub(crate) Option<Arc<dyn Fn() -> String + Send + Sync>>);
+
+impl RunIds {
+    /// Returns the next run's id, with a random token.
+    pub(crate) fn next(&self) -> Result<IssuedRun, getrandom::Error> {
+        let random = IssuedRun::random()?;
+        Ok(match &self.0 {
+            Some(name) => IssuedRun { run: name(), ..random },
+            None => random,
+        })
+    }
 }
 
 #[cfg(test)]

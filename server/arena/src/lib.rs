@@ -11,52 +11,45 @@ pub mod budget;
 pub mod cache;
 pub mod challenge;
 pub mod clock;
-mod conversion;
 pub mod data;
 pub mod dataset;
 mod episodes;
 mod failure;
-mod heartbeat;
 mod host;
 pub mod ids;
 mod lru;
 mod management;
-mod metrics;
 mod phases;
-mod replays;
-pub mod rescoring;
+pub mod replays;
 mod restore;
 pub mod runlog;
-pub mod runs;
 pub mod servers;
 pub mod setup;
-mod turns;
 
-pub use conversion::fault_count;
-pub use failure::{Failure, FailureKind};
+pub use failure::{Failure, FailureKind, fault_count};
 pub use phases::seed_to_publish;
 
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{DowntimeCredit, Store};
-use budget::Budget;
-use clock::Clock;
+use budget::{Budget, TeamTurns};
+use clock::{Clock, Heartbeat};
 use data::DataFolder;
 use episodes::{FaultInjection, Observer, OpenEpisodes, ReturnCause};
-use heartbeat::Heartbeat;
+use ids::RunIds;
 use jiff::Timestamp;
 use phases::{PhaseCatalog, SceneCache};
 use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
-use runs::RunIds;
 use std::{
     collections::BTreeMap,
-    fs::File,
-    sync::{Arc, Mutex},
+    fs::{File, OpenOptions},
+    io,
+    path::Path,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 use tokio::task::spawn_blocking;
-use turns::TeamTurns;
 
 /// Benchmark version; a possible change in scores needs a new one.
 pub const BENCHMARK_VERSION: &str = "2.0.0";
@@ -264,6 +257,24 @@ fn sync_periodically(logs: &Arc<RunLogs>) {
 /// Returns the present time, milliseconds since 1970-01-01 UTC.
 pub fn now_unix_ms() -> i64 {
     Timestamp::now().as_millisecond()
+}
+
+/// Returns options for a file that, if created, is accessible by its owner only.
+pub(crate) fn private_file() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options
+}
+
+/// Syncs the names in a folder, if supported.
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+}
+
+/// Locks a mutex, also after a panic of another holder.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Runs blocking work on another thread.

@@ -1,8 +1,9 @@
 //! LRU cache with a byte budget.
 
+use crate::lock;
 use std::{
     collections::VecDeque,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
+    sync::{Arc, Mutex, TryLockError},
 };
 
 /// An LRU cache of shared values with a byte budget. Values in use are never evicted.
@@ -99,10 +100,6 @@ fn fill<T, E>(slot: &mut Option<Arc<T>>, make: impl FnOnce() -> Result<T, E>) ->
     let made = Arc::new(make()?);
     *slot = Some(made.clone());
     Ok((made, true))
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -207,7 +207,7 @@ async fn rule_phase(arena: &Arena, by: Attribution<'_>, action: OrganiserAction)
         }
         OrganiserAction::Reveal(id) => {
             let revealed = note(by.actor, format!("phase {id}"), "revealed", by.reason);
-            let seed = seed_to_publish(arena.phases.data(), store, &id).await;
+            let seed = seed_to_publish(&arena.phases.data, store, &id).await;
             let seed = seed.map_err(|failure| ActionFailure::System(failure.to_string()))?;
             store.reveal_phase(&id, seed.as_ref(), revealed, arena.clock.now_unix_ms()).await?;
             done(format!("The committed values of phase {id} are published."))

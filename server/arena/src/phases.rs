@@ -2,7 +2,7 @@
 
 use crate::{
     BENCHMARK_VERSION, Failure, budget::scene_allowance, data::DataFolder, dataset::SplitFolder, ids,
-    lru::LruCache, now_unix_ms, run_blocking, setup::check_seed,
+    lru::LruCache, now_unix_ms, run_blocking,
 };
 use avln_dataset::{DatasetError, EpisodeSpec, SceneSource, SceneSpec};
 use avln_episode::{Order, Rules};
@@ -30,7 +30,7 @@ pub(crate) fn find_phase(phases: &PhaseList, id: &str) -> Option<Arc<HostedPhase
 }
 
 pub(crate) struct PhaseCatalog {
-    data: DataFolder,
+    pub(crate) data: DataFolder,
     /// Id of the only hosted phase; `None` for all phases.
     only: Option<String>,
     /// Newest audit entry at the last reading, and the phases.
@@ -38,10 +38,6 @@ pub(crate) struct PhaseCatalog {
 }
 
 impl PhaseCatalog {
-    pub(crate) fn data(&self) -> &DataFolder {
-        &self.data
-    }
-
     /// Reads all phases, or only the phase `only`. Splits of other phases are not opened.
     pub(crate) async fn open(data: &DataFolder, store: &Store, only: Option<&str>) -> Result<Self, Failure> {
         // Before the phases: a change during the reading leads to another reading.
@@ -143,7 +139,7 @@ impl HostedPhase {
                 format!("phase '{id}' lists episode {}, but split '{split}' has none", missing.episode);
             return Err(Failure::scene(message).hinted("restore the split's files from a backup"));
         }
-        if let Err(failure) = check_seed(&split, settings.scores, settings.replays) {
+        if let Err(failure) = split.check_seed(settings.scores, settings.replays) {
             tracing::warn!(phase = settings.id, %failure, "a hidden phase can be guessed");
         }
         let audio = data.audio(&settings.rules)?;

@@ -1,16 +1,17 @@
-//! Open episodes restored from run logs after a server stop.
+//! Episodes without a result: returned, so that they are reissued, or restored from run logs after a server stop.
 
 use crate::{
     Arena,
-    conversion::refusal,
     episodes::{ArenaEpisode, IssuedEpisode, ReturnCause},
+    failure::refusal,
+    lock,
     phases::HostedPhase,
     runlog::{Entry, EpisodeHistory, History},
 };
 use avln_episode::{Action, Observation, Sensors};
 use avln_grpc::{Interrupted, Refusal, Restored};
 use avln_referee::Referee;
-use avln_store::{Run, RunningEpisode};
+use avln_store::{Run, RunningEpisode, StoreError};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -22,6 +23,54 @@ use tokio::task::spawn_blocking;
 const MAX_CRASHES: u32 = 5;
 
 impl Arena {
+    /// Returns an episode without a result, so that it is reissued; later, if the database fails.
+    pub(crate) async fn return_episode(&self, run: &str, handle: &str, cause: ReturnCause) {
+        let Err(error) = self.try_return_episode(run, handle, cause).await else { return };
+        // Without another attempt the run would wait for this episode until the next server start.
+        tracing::error!(run, handle, %error, "cannot reissue an episode; it is reissued later");
+        if cause == ReturnCause::Server {
+            self.log_loss(run, handle).await;
+        }
+        lock(&self.pending_returns).insert((run.to_owned(), handle.to_owned()), cause);
+    }
+
+    async fn try_return_episode(
+        &self,
+        run: &str,
+        handle: &str,
+        cause: ReturnCause,
+    ) -> Result<(), StoreError> {
+        let now_unix_ms = self.clock.now_unix_ms();
+        match cause {
+            ReturnCause::Agent => self.store.return_episode(run, handle).await.map(drop),
+            ReturnCause::Server => self.store.reopen_episode(run, handle, now_unix_ms).await.map(drop),
+        }
+    }
+
+    /// Logs a loss that the database does not contain: otherwise, a restarted server would continue or score an attempt that the
+    /// agent was told is lost.
+    async fn log_loss(&self, run: &str, handle: &str) {
+        let (logs, at_ms) = (self.logs.clone(), self.clock.now_unix_ms());
+        let (run, handle) = (run.to_owned(), handle.to_owned());
+        let logged = spawn_blocking(move || logs.write_loss(&run, handle, at_ms)).await;
+        if let Err(error) = logged.map_err(|error| error.to_string()).flatten() {
+            tracing::error!(error, "cannot log the loss of an episode");
+        }
+    }
+
+    /// Returns the episodes from earlier failed attempts.
+    pub(crate) async fn flush_pending_returns(&self) -> Result<(), Refusal> {
+        loop {
+            let first =
+                lock(&self.pending_returns).first_key_value().map(|(key, cause)| (key.clone(), *cause));
+            let Some((key, cause)) = first else { return Ok(()) };
+            let (run, handle) = &key;
+            self.try_return_episode(run, handle, cause).await.map_err(refusal)?;
+            self.sign_if_over(&self.store.run(run).await.map_err(refusal)?).await;
+            lock(&self.pending_returns).remove(&key);
+        }
+    }
+
     /// Returns the resumable runs. Other runs' episodes are reissued.
     pub(crate) async fn interrupted_runs(&self) -> Result<Vec<String>, Refusal> {
         let mut runs = BTreeSet::new();

@@ -179,7 +179,7 @@ impl Servers {
             web_url: self.urls.web,
             grpc_url: self.urls.grpc,
             frozen_unix_ms: None,
-            logs: Some(SignedLogs { folder: arena.logs.folder().to_owned(), key: arena.key.public() }),
+            logs: Some(SignedLogs { folder: arena.logs.folder.clone(), key: arena.key.public() }),
             replay_renderer: Some(arena.replay_renderer.clone()),
             live_status: Some(Arc::new(ControlStatus(arena.control.clone()))),
             management: Some(Arc::new(ArenaManagement(arena.clone()))),

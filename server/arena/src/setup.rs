@@ -3,7 +3,7 @@
 use crate::{
     Failure, actions,
     challenge::{
-        self,
+        self, SOUND_SHARES,
         overlap::{Content, REMEDY, overlaps},
     },
     data::{DataFolder, check_name},
@@ -247,7 +247,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
         None => new.split.clone(),
     };
     let split = data.missions(&name)?;
-    check_seed(&split, new.scores, new.replays)?;
+    split.check_seed(new.scores, new.replays)?;
     if new.dataset.is_some() {
         register_split(store, &name, &split, &[]).await?;
     }
@@ -312,32 +312,17 @@ fn check_overlap(data: &DataFolder, before: &[Phase], phase: &Phase) -> Result<(
     Ok(())
 }
 
-/// Rejects hidden scores or replays on a split that participants can generate.
-pub(crate) fn check_seed(
-    split: &SplitFolder,
-    scores: Visibility,
-    replays: Visibility,
-) -> Result<(), Failure> {
-    if [scores, replays] == [Visibility::Public; 2] {
-        return Ok(());
-    }
-    split.seed().check_secret(&format!("the missions of split '{}'", split.name()))
-}
-
 /// Returns the target clips for a share or a folder; by default the split pool's share.
 pub fn sounds_for_phase(
     data: &DataFolder,
     choice: Option<&str>,
     split: &SplitFolder,
 ) -> Result<Sounds, Failure> {
-    Ok(match choice {
-        None => sounds_of_pool(split),
-        Some("all") => Sounds::All,
-        Some("train") => Sounds::Train,
-        Some("validation") => Sounds::Validation,
-        Some("test") => Sounds::Test,
-        Some(folder) => Sounds::Own(data.sounds().import(Path::new(folder))?),
-    })
+    let Some(choice) = choice else { return Ok(sounds_of_pool(split)) };
+    match SOUND_SHARES.into_iter().find(|(word, _)| *word == choice) {
+        Some((_, share)) => Ok(share),
+        None => data.sounds().import(Path::new(choice)).map(Sounds::Own),
+    }
 }
 
 /// Returns the share for a split's house pool.

@@ -1,12 +1,11 @@
 //! An environment: episodes of a source, one after another.
 
 use crate::explorer::Explorer;
-use crate::layout::{Layout, MAP_CELL_M, MAP_SIDE, MissionArrays, Row, copy};
-use crate::overview::{self, Overview};
+use crate::layout::{Layout, MAP_CELL_M, MAP_SIDE, MissionArrays, Row};
+use crate::options::RewardFacts;
 use crate::privileged::{self, Guide};
-use crate::reward::RewardFacts;
 use crate::senses::{ClipCache, Sensing};
-use crate::top_down::{MapFrame, StoreyMaps};
+use crate::top_down::{self, MapFrame, Overview, StoreyMaps};
 use crate::{AutoReset, EnvOptions, EpisodeSource, RewardRule, Teacher, TrainingEpisode, TrainingError};
 use avln_episode::{Action, EndReason, Observation};
 use avln_referee::{Audio, Referee};
@@ -158,7 +157,7 @@ impl Env {
         let env = self.number as usize;
         let action = Action::try_from(action).map_err(|source| TrainingError::Action { env, source })?;
         let running = self.running.as_mut().ok_or(TrainingError::NotReset(env))?;
-        let (before, routed) = (running.open_goals(), running.guide.routed());
+        let (before, routed) = (running.open_goals(), running.guide.routed);
         let is_measured = !matches!(self.shared.options.reward, RewardRule::Sparse | RewardRule::None);
         let goal = routed.filter(|_| is_measured);
         let from_m = goal.and_then(|goal| running.referee.walk_m(goal));
@@ -169,7 +168,7 @@ impl Env {
         let to_m = goal.and_then(|goal| running.referee.walk_m(goal));
         running.guide.route(&running.referee, running.truth.order);
         let open = running.open_goals();
-        let is_same = running.guide.routed() == routed;
+        let is_same = running.guide.routed == routed;
         let facts = RewardFacts {
             progress_m: from_m.zip(to_m).filter(|_| is_same).map_or(0.0, |(from_m, to_m)| from_m - to_m),
             is_submit: action == Action::Submit,
@@ -193,7 +192,7 @@ impl Env {
     pub fn state(&self) -> Result<EnvState, TrainingError> {
         let running = self.running.as_ref().ok_or(TrainingError::NotReset(self.number as usize))?;
         let taken = running.referee.facts().iter().map(|step| (step.action, step.state_hash)).collect();
-        Ok(EnvState { env: running.env, episode: running.episode, taken, routed: running.guide.routed() })
+        Ok(EnvState { env: running.env, episode: running.episode, taken, routed: running.guide.routed })
     }
 
     /// Restores a state of this or another environment with the same source, and writes its observation.
@@ -217,7 +216,7 @@ impl Env {
         running.sense_replayed();
         running.path_m = running.walked_m();
         running.look_back();
-        running.guide.set_routed(state.routed);
+        running.guide.routed = state.routed;
         running.put(row, &self.shared, &seen);
         self.next_episode = state.episode + 1;
         self.running = Some(running);
@@ -232,8 +231,9 @@ impl Env {
         crate::options::within("side", side, 16, 2048)?;
         let running = self.running.as_mut().ok_or(TrainingError::NotReset(self.number as usize))?;
         let Running { referee, truth, picture_maps, .. } = running;
-        let maps = picture_maps
-            .get_or_insert_with(|| StoreyMaps::new(referee.world().assets(), overview::frame(truth)));
+        let maps = picture_maps.get_or_insert_with(|| {
+            StoreyMaps::new(referee.world().assets(), top_down::overview_frame(truth))
+        });
         Ok(Overview::new(referee, truth, maps, side))
     }
 
@@ -257,11 +257,12 @@ impl Running {
             options.sensors.clone(),
             &shared.audio,
         )?
-        .with_added_submits(options.added_submits);
+        .with_added_submits(options.added_submits)
+        .with_detail(options.detail);
         let referee = if options.ids { referee.with_instances() } else { referee };
         let guide = Guide::new(&referee, &truth);
         let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
-        let sensing = Sensing::new(shared, &scene, &referee)?;
+        let sensing = Sensing::new(options, &shared.audio, &shared.clips, &scene, &referee)?;
         let frame =
             MapFrame { origin: truth.start, cell_m: MAP_CELL_M, side: MAP_SIDE, has_solid_walls: true };
         let maps = options.top_down.then(|| StoreyMaps::new(&scene.assets, frame));
@@ -348,7 +349,7 @@ impl Running {
         }
         if let Some(maps) = &mut self.maps {
             let storey = maps.storey(referee.world().pose().position.y);
-            copy(row.bytes(layout, "top_down"), Some(maps.map(referee.world().assets(), storey)));
+            row.put(layout, "top_down", maps.map(referee.world().assets(), storey));
         }
     }
 }

@@ -79,66 +79,43 @@ pub struct Layout {
 impl Layout {
     /// Returns the arrays for these options.
     pub fn new(options: &EnvOptions) -> Self {
-        let mut layout = Self { arrays: Vec::new() };
+        use ArrayKind::{F32, I32, I64, U8};
+        let mut arrays = Vec::new();
+        let mut add = |is_info: bool, is_wanted: bool, name: &'static str, kind, shape: &[usize]| {
+            if is_wanted {
+                arrays.push(ArraySpec { name, kind, shape: shape.to_vec(), is_info });
+            }
+        };
         let [width, height] = [options.sensors.width as usize, options.sensors.height as usize];
-        let samples = options.rules.audio_samples as usize;
         let side = options.goal_side as usize;
-        let cues = options.goal_cues;
-        layout.add(options.sensors.rgb, "rgb", ArrayKind::U8, &[height, width, 3]);
-        layout.add(options.sensors.depth, "depth", ArrayKind::F32, &[height, width]);
-        layout.add(options.sensors.audio, "audio", ArrayKind::F32, &[2, samples]);
-        layout.add(true, "pose", ArrayKind::F32, &[4]);
-        layout.add(true, "remaining", ArrayKind::I32, &[2]);
-        layout.add(true, "feedback", ArrayKind::I64, &[]);
-        layout.add(true, "order", ArrayKind::I64, &[]);
-        layout.add(true, "goal_modality", ArrayKind::I64, &[MAX_GOALS]);
-        layout.add(cues, "goal_text", ArrayKind::U8, &[MAX_GOALS, GOAL_TEXT_BYTES]);
-        layout.add(cues, "goal_image", ArrayKind::U8, &[MAX_GOALS, side, side, 3]);
-        options.cheap.arrays().for_each(|(name, kind, shape)| layout.add(true, name, kind, &shape));
-        if options.privileged {
-            layout.add_privileged();
-        }
-        layout.add_info(options.ids, "instance", ArrayKind::I32, &[height, width]);
-        layout.add_info(options.ids, "semantic", ArrayKind::U8, &[height, width]);
-        layout.add_info(options.ids, "target_instance", ArrayKind::I32, &[MAX_GOALS]);
-        layout.add_info(options.top_down, "top_down", ArrayKind::U8, &[MAP_SIDE; 2]);
-        layout
-    }
-
-    fn add(&mut self, is_wanted: bool, name: &'static str, kind: ArrayKind, shape: &[usize]) {
-        if is_wanted {
-            self.arrays.push(ArraySpec { name, kind, shape: shape.to_vec(), is_info: false });
-        }
-    }
-
-    fn add_privileged(&mut self) {
-        let (float, integer) = (ArrayKind::F32, ArrayKind::I64);
-        let arrays: [(&'static str, ArrayKind, &[usize]); 11] = [
-            ("distance_m", float, &[MAX_GOALS]),
-            ("bearing_rad", float, &[MAX_GOALS]),
-            ("target_position", float, &[MAX_GOALS, 3]),
-            ("is_open", ArrayKind::U8, &[MAX_GOALS]),
-            ("is_in_region", ArrayKind::U8, &[MAX_GOALS]),
-            ("sounding", integer, &[]),
-            ("routed", integer, &[]),
-            ("expert", integer, &[]),
-            ("expert_submit", ArrayKind::U8, &[]),
-            ("success", float, &[]),
-            ("spl", float, &[]),
-        ];
-        for (name, kind, shape) in arrays {
-            self.add_info(true, name, kind, shape);
-        }
-    }
-
-    fn add_info(&mut self, is_wanted: bool, name: &'static str, kind: ArrayKind, shape: &[usize]) {
-        if is_wanted {
-            self.arrays.push(ArraySpec { name, kind, shape: shape.to_vec(), is_info: true });
-        }
-    }
-
-    fn index(&self, name: &str) -> Option<usize> {
-        self.arrays.iter().position(|spec| spec.name == name)
+        add(false, options.sensors.rgb, "rgb", U8, &[height, width, 3]);
+        add(false, options.sensors.depth, "depth", F32, &[height, width]);
+        add(false, options.sensors.audio, "audio", F32, &[2, options.rules.audio_samples as usize]);
+        add(false, true, "pose", F32, &[4]);
+        add(false, true, "remaining", I32, &[2]);
+        add(false, true, "feedback", I64, &[]);
+        add(false, true, "order", I64, &[]);
+        add(false, true, "goal_modality", I64, &[MAX_GOALS]);
+        add(false, options.goal_cues, "goal_text", U8, &[MAX_GOALS, GOAL_TEXT_BYTES]);
+        add(false, options.goal_cues, "goal_image", U8, &[MAX_GOALS, side, side, 3]);
+        options.cheap.arrays().for_each(|(name, kind, shape)| add(false, true, name, kind, &shape));
+        let is_privileged = options.privileged;
+        add(true, is_privileged, "distance_m", F32, &[MAX_GOALS]);
+        add(true, is_privileged, "bearing_rad", F32, &[MAX_GOALS]);
+        add(true, is_privileged, "target_position", F32, &[MAX_GOALS, 3]);
+        add(true, is_privileged, "is_open", U8, &[MAX_GOALS]);
+        add(true, is_privileged, "is_in_region", U8, &[MAX_GOALS]);
+        add(true, is_privileged, "sounding", I64, &[]);
+        add(true, is_privileged, "routed", I64, &[]);
+        add(true, is_privileged, "expert", I64, &[]);
+        add(true, is_privileged, "expert_submit", U8, &[]);
+        add(true, is_privileged, "success", F32, &[]);
+        add(true, is_privileged, "spl", F32, &[]);
+        add(true, options.ids, "instance", I32, &[height, width]);
+        add(true, options.ids, "semantic", U8, &[height, width]);
+        add(true, options.ids, "target_instance", I32, &[MAX_GOALS]);
+        add(true, options.top_down, "top_down", U8, &[MAP_SIDE; 2]);
+        Self { arrays }
     }
 
     /// Returns the arrays.
@@ -181,54 +158,65 @@ impl Row<'_> {
         if all { Ok(()) } else { Err(TrainingError::Shared("a row does not fit its layout".to_owned())) }
     }
 
-    pub(crate) fn bytes(&mut self, layout: &Layout, name: &str) -> Option<&mut [u8]> {
-        match &mut self.arrays[layout.index(name)?] {
-            RowArray::U8(values) => Some(values),
-            _ => None,
-        }
+    /// Returns an array; `None` if the layout lacks it.
+    pub(crate) fn array<T: RowNumber>(&mut self, layout: &Layout, name: &str) -> Option<&mut [T]> {
+        T::slice(&mut self.arrays[layout.arrays.iter().position(|spec| spec.name == name)?])
     }
 
-    pub(crate) fn floats(&mut self, layout: &Layout, name: &str) -> Option<&mut [f32]> {
-        match &mut self.arrays[layout.index(name)?] {
-            RowArray::F32(values) => Some(values),
-            _ => None,
-        }
-    }
-
-    pub(crate) fn integers(&mut self, layout: &Layout, name: &str) -> Option<&mut [i64]> {
-        match &mut self.arrays[layout.index(name)?] {
-            RowArray::I64(values) => Some(values),
-            _ => None,
-        }
-    }
-
-    pub(crate) fn shorts(&mut self, layout: &Layout, name: &str) -> Option<&mut [i32]> {
-        match &mut self.arrays[layout.index(name)?] {
-            RowArray::I32(values) => Some(values),
-            _ => None,
+    /// Copies values into an array, if the layout has it.
+    pub(crate) fn put<T: RowNumber>(&mut self, layout: &Layout, name: &str, values: &[T]) {
+        if let Some(array) = self.array(layout, name) {
+            array.iter_mut().zip(values).for_each(|(to, from)| *to = *from);
         }
     }
 
     /// Writes the entries that change in every step.
     pub(crate) fn put_observation(&mut self, layout: &Layout, seen: &Observation) {
-        copy(self.bytes(layout, "rgb"), seen.rgb.as_deref());
-        copy(self.floats(layout, "depth"), seen.depth.as_deref());
-        copy(self.floats(layout, "audio"), seen.audio.as_deref());
+        self.put(layout, "rgb", seen.rgb.as_deref().unwrap_or_default());
+        self.put(layout, "depth", seen.depth.as_deref().unwrap_or_default());
+        self.put(layout, "audio", seen.audio.as_deref().unwrap_or_default());
         let [x, y, z] = seen.pose.position.coords.into();
-        copy(self.floats(layout, "pose"), Some(&[x, y, z, seen.pose.heading_rad]));
-        let remaining = [seen.remaining_steps as i32, seen.remaining_submits as i32];
-        copy(self.shorts(layout, "remaining"), Some(&remaining));
-        copy(self.integers(layout, "feedback"), Some(&[feedback_number(seen.feedback)]));
+        self.put(layout, "pose", &[x, y, z, seen.pose.heading_rad]);
+        self.put(layout, "remaining", &[seen.remaining_steps as i32, seen.remaining_submits as i32]);
+        // Numbers in `avln.Feedback`.
+        let feedback: i64 = match seen.feedback {
+            Feedback::None => 0,
+            Feedback::Accepted => 1,
+            Feedback::Verdict(true) => 2,
+            Feedback::Verdict(false) => 3,
+        };
+        self.put(layout, "feedback", &[feedback]);
     }
 
     /// Writes the entries that are constant during an episode: also in every step, because callers alternate between rows.
     pub(crate) fn put_mission(&mut self, layout: &Layout, mission: &MissionArrays) {
-        copy(self.integers(layout, "order"), Some(&[mission.order]));
-        copy(self.integers(layout, "goal_modality"), Some(&mission.modalities));
-        copy(self.bytes(layout, "goal_text"), Some(&mission.texts));
-        copy(self.bytes(layout, "goal_image"), Some(&mission.images));
+        self.put(layout, "order", &[mission.order]);
+        self.put(layout, "goal_modality", &mission.modalities);
+        self.put(layout, "goal_text", &mission.texts);
+        self.put(layout, "goal_image", &mission.images);
     }
 }
+
+/// A number type of rows.
+pub(crate) trait RowNumber: Copy {
+    /// Returns an array's memory; `None` for an array of another type.
+    fn slice<'a>(array: &'a mut RowArray<'_>) -> Option<&'a mut [Self]>;
+}
+
+macro_rules! row_numbers {
+    ($($number:ty: $kind:ident),*) => {$(
+        impl RowNumber for $number {
+            fn slice<'a>(array: &'a mut RowArray<'_>) -> Option<&'a mut [Self]> {
+                match array {
+                    RowArray::$kind(values) => Some(values),
+                    _ => None,
+                }
+            }
+        }
+    )*};
+}
+
+row_numbers!(u8: U8, i32: I32, i64: I64, f32: F32);
 
 /// The entries of a mission.
 pub(crate) struct MissionArrays {
@@ -246,37 +234,17 @@ impl MissionArrays {
         let mut images = vec![0; MAX_GOALS * side * side * 3];
         for (index, goal) in mission.goals.iter().take(MAX_GOALS).enumerate() {
             modalities[index] = 1 + goal.modality() as i64;
-            let to = &mut texts[index * GOAL_TEXT_BYTES..][..GOAL_TEXT_BYTES];
-            to.iter_mut().zip(text(goal).bytes()).for_each(|(to, byte)| *to = byte);
-            if let GoalCue::Image(image) = goal {
-                scale(image, &mut images[index * side * side * 3..][..side * side * 3], side);
+            match goal {
+                GoalCue::Category(text) | GoalCue::Description(text) => {
+                    let to = &mut texts[index * GOAL_TEXT_BYTES..][..GOAL_TEXT_BYTES];
+                    to.iter_mut().zip(text.bytes()).for_each(|(to, byte)| *to = byte);
+                }
+                GoalCue::Image(image) => {
+                    scale(image, &mut images[index * side * side * 3..][..side * side * 3], side);
+                }
             }
         }
         Self { order: i64::from(mission.order == Order::Ordered), modalities, texts, images }
-    }
-}
-
-/// Copies values into an array, if both exist.
-pub(crate) fn copy<T: Copy>(to: Option<&mut [T]>, from: Option<&[T]>) {
-    if let (Some(to), Some(from)) = (to, from) {
-        to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
-    }
-}
-
-/// Returns the number in `avln.Feedback`.
-fn feedback_number(feedback: Feedback) -> i64 {
-    match feedback {
-        Feedback::None => 0,
-        Feedback::Accepted => 1,
-        Feedback::Verdict(true) => 2,
-        Feedback::Verdict(false) => 3,
-    }
-}
-
-fn text(goal: &GoalCue) -> &str {
-    match goal {
-        GoalCue::Category(text) | GoalCue::Description(text) => text,
-        GoalCue::Image(_) => "",
     }
 }
 

@@ -1,6 +1,6 @@
 //! Scenes by number: houses of a recipe, a split in a folder, or one scan.
 
-use crate::floor_grid::FloorGrid;
+use crate::explorer::FloorGrid;
 use crate::map::Floor;
 use crate::{Curriculum, TrainingError};
 use avln_dataset::{

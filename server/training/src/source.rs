@@ -1,6 +1,6 @@
 //! Sources of training episodes.
 
-use crate::floor_grid::FloorGrid;
+use crate::explorer::FloorGrid;
 use crate::map::Floor;
 use crate::scenes::{FolderSplit, PreparedScene, RecipeHouses, Scan, Scenes};
 use crate::{Curriculum, Goals, TrainingError};

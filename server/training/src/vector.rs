@@ -1,15 +1,15 @@
 //! Many environments on worker threads.
 
 use crate::env::Shared;
-use crate::results::Results;
 use crate::{
     AutoReset, Env, EnvOptions, EnvState, EpisodeSource, Layout, Overview, Row, StepFlags, TrainingError,
 };
 use avln_referee::Audio;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -243,5 +243,52 @@ impl Member {
             }
         }
         Ok(flags)
+    }
+}
+
+/// Finished tasks in the order of completion, with one receiver. It wakes up once for all the tasks that it waits for: a wake-up
+/// takes as long as a cheap step.
+pub(crate) struct Results<R> {
+    state: Mutex<ResultQueue<R>>,
+    is_ready: Condvar,
+}
+
+struct ResultQueue<R> {
+    finished: VecDeque<Finished<R>>,
+    /// Tasks that the receiver waits for.
+    wanted: usize,
+}
+
+impl<R> Default for Results<R> {
+    fn default() -> Self {
+        let state = ResultQueue { finished: VecDeque::new(), wanted: 1 };
+        Self { state: Mutex::new(state), is_ready: Condvar::new() }
+    }
+}
+
+impl<R> Results<R> {
+    fn lock(&self) -> MutexGuard<'_, ResultQueue<R>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn push(&self, finished: Finished<R>) {
+        let mut state = self.lock();
+        state.finished.push_back(finished);
+        let is_ready = state.finished.len() >= state.wanted;
+        drop(state);
+        if is_ready {
+            self.is_ready.notify_one();
+        }
+    }
+
+    /// Returns the next `count` tasks, or fewer after `timeout`.
+    pub(crate) fn take(&self, count: usize, timeout: Duration) -> Vec<Finished<R>> {
+        let mut state = self.lock();
+        state.wanted = count;
+        let waits = |state: &mut ResultQueue<R>| state.finished.len() < count;
+        let (mut state, _) =
+            self.is_ready.wait_timeout_while(state, timeout, waits).unwrap_or_else(PoisonError::into_inner);
+        let ready = count.min(state.finished.len());
+        state.finished.drain(..ready).collect()
     }
 }

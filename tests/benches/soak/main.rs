@@ -4,19 +4,14 @@
 //! thinking time per step. `--kill-server` also kills the server every minute. Exit code 1: not flat, or errors. Linux only.
 
 mod agents;
-mod checks;
 mod fleet;
-mod resume;
-mod samples;
 mod tally;
 mod visitors;
 
 use agents::Agent;
 use avln_arena::{data::DataFolder, setup::admit};
-use avln_tests::{TestSetup, server::Server, set_up};
-use checks::ServerLog;
+use avln_tests::{Server, TestSetup, set_up};
 use fleet::{Fleet, PROCESSES};
-use samples::{Sample, Samples};
 use std::{
     net::{SocketAddr, TcpListener},
     path::Path,
@@ -25,7 +20,7 @@ use std::{
     thread::sleep,
     time::{Duration, Instant},
 };
-use tally::Tally;
+use tally::{Sample, Samples, ServerLog, Tally, check_database, verify_logs};
 use tempfile::TempDir;
 use tokio::runtime::{Builder, Runtime};
 use visitors::Places;
@@ -199,8 +194,8 @@ impl Soak {
         self.fleet.finish();
         self.log.read(&self.tally);
         self.server.take().expect("a server").kill();
-        runtime.block_on(checks::check_database(self.folder.path(), &self.tally));
-        checks::verify_logs(PROGRAM, self.folder.path(), &self.tally);
+        runtime.block_on(check_database(self.folder.path(), &self.tally));
+        verify_logs(PROGRAM, self.folder.path(), &self.tally);
         println!("{}", self.tally);
         // A restart makes memory and descriptors small again.
         let is_flat = self.settings.kills_server || self.samples.are_flat(60 * self.settings.minutes);

@@ -1,9 +1,8 @@
 //! Visitors of pages, and connections that end at every stage.
 
 use crate::{
-    agents::{SENSORS, action},
+    agents::{SENSORS, action, open_silently},
     fleet::PROCESSES,
-    resume,
     tally::Tally,
 };
 use avln_client::{Client, Error, RunOptions};
@@ -217,7 +216,7 @@ async fn play_and_leave(grpc: SocketAddr, token: String) -> Result<(), String> {
     let url = format!("http://{grpc}");
     let client = Client::connect(&url, token).await.map_err(text)?;
     let run = client.start_run(RunOptions::new(PHASE, "guest")).await.map_err(text)?;
-    resume::open_silently(&url, &run.token, CHURN_INTERVAL).await.map_err(text)?;
+    open_silently(&url, &run.token, CHURN_INTERVAL).await.map_err(text)?;
     let mut play = client.play(&run, SENSORS).await.map_err(text)?;
     if let Some(mut episode) = play.next_episode().await.map_err(text)? {
         let action = action(episode.id(), 0);

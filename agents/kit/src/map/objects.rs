@@ -3,7 +3,7 @@
 use crate::LOOK_M;
 use crate::geometry::{FloorPoint, Pose2d};
 use crate::map::occupancy::Occupancy;
-use crate::map::priors::categories_of;
+use crate::perception::category::categories_of;
 use crate::perception::objects::DetectedObject;
 
 const MOST: usize = 400;

@@ -90,8 +90,36 @@ const SYNONYMS: &[(&str, &[&str])] = &[
     ("curtain", &["curtains", "blind"]),
 ];
 
+/// Categories of the room memory: the mission categories, then three that identify rooms.
+pub(crate) const CATEGORIES: [&str; 24] = [
+    "chair",
+    "table",
+    "picture",
+    "cabinet",
+    "cushion",
+    "sofa",
+    "bed",
+    "chest_of_drawers",
+    "plant",
+    "sink",
+    "toilet",
+    "stool",
+    "towel",
+    "tv_monitor",
+    "shower",
+    "bathtub",
+    "counter",
+    "fireplace",
+    "gym_equipment",
+    "seating",
+    "clothes",
+    "appliances",
+    "mirror",
+    "shelving",
+];
+
 /// Returns an object's fit with a category, 0 to 1; 0.5 for unknown categories.
-pub fn likeness(detection: &DetectedObject, category: &str) -> f32 {
+pub(crate) fn likeness(detection: &DetectedObject, category: &str) -> f32 {
     if let Some(told) = detection.is_a(category) {
         return told;
     }
@@ -102,6 +130,18 @@ pub fn likeness(detection: &DetectedObject, category: &str) -> f32 {
     let shares = prior.colors.iter().filter_map(|word| detection.palette.share_of(word));
     let color = shares.fold(None, |sum: Option<f32>, share| Some(sum.unwrap_or(0.0) + share));
     fit * color.map_or(0.7, |share| 0.2 + 0.8 * share.min(1.0))
+}
+
+/// Returns an object's probabilities of [`CATEGORIES`].
+pub(crate) fn categories_of(detection: &DetectedObject) -> Vec<f32> {
+    let mut shares: Vec<f32> = CATEGORIES.iter().map(|name| likeness(detection, name)).collect();
+    if detection.kinds.is_empty() {
+        // Extents fit several categories: squares favour the best, and the sum is 1 at most.
+        shares.iter_mut().for_each(|share| *share *= *share);
+        let sum = shares.iter().sum::<f32>().max(1.0);
+        shares.iter_mut().for_each(|share| *share /= sum);
+    }
+    shares
 }
 
 /// Returns category and word count of the longest known ending: `old floor lamp` is a `floor_lamp`.

@@ -5,7 +5,6 @@ pub(crate) mod cue;
 mod denoise;
 pub(crate) mod objects;
 
-pub use category::likeness as category_likeness;
 pub use cue::{CueWords, Layout, Query};
 pub use objects::{DetectedObject, Palette, detect_objects};
 

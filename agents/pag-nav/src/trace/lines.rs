@@ -1,9 +1,8 @@
 //! Trace lines from the agent's state.
 
-use crate::agent::StoreyMemory;
 use crate::candidate::{Candidate, Decision, Stage};
+use crate::memory::{PendingSubmit, StoreyMemory};
 use crate::mission::MissionState;
-use crate::outcome::PendingSubmit;
 use crate::preset::Ablation;
 use crate::verify::{SubmitGate, Warrant};
 use crate::weights::Weights;

@@ -1,17 +1,17 @@
 //! Episode traces as JSON Lines, specified in `docs/traces.md`; a trace never affects actions.
 
-pub(crate) mod lines;
-pub(crate) mod summary;
-#[cfg(test)]
-mod tests;
-
 use crate::trace::lines::{MapLine, MissionLine, StepLine, TraceInput, TraceLine, TracedState};
 use avln_client::{Action, Mission, Observation};
+use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::{fmt, process};
+
+pub(crate) mod lines;
+#[cfg(test)]
+mod tests;
 
 /// Steps between map lines.
 const MAP_STEPS: u32 = 25;
@@ -193,4 +193,69 @@ fn is_file_name(handle: &str) -> bool {
     const LONGEST: usize = 128;
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     (1..=LONGEST).contains(&handle.len()) && handle.chars().all(plain) && !handle.starts_with('.')
+}
+
+/// Claims in the traces of a folder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TraceSummary {
+    /// Trace files.
+    pub episodes: u32,
+    /// Submits.
+    pub submits: u32,
+    /// Stops.
+    pub stops: u32,
+    /// Submits and Stops without a look of the current frame at the candidate.
+    pub unverified: u32,
+    /// Submits and Stops with s_vis of the fresh look below the floor.
+    pub below_floor: u32,
+}
+
+impl fmt::Display for TraceSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { episodes, submits, stops, unverified, below_floor } = self;
+        writeln!(f, "episodes: {episodes}\nSubmits: {submits}\nStops: {stops}")?;
+        writeln!(f, "Submits and Stops without a fresh look: {unverified}")?;
+        write!(f, "Submits and Stops with s_vis below the floor: {below_floor}")
+    }
+}
+
+/// Counts the claims in all traces in a folder and its subfolders; fails if a file is not a trace.
+pub fn summarise(folder: &Path) -> Result<TraceSummary, TraceError> {
+    let mut summary = TraceSummary::default();
+    add_folder(folder, &mut summary)?;
+    Ok(summary)
+}
+
+fn add_folder(folder: &Path, summary: &mut TraceSummary) -> Result<(), TraceError> {
+    let failed = |problem: String| TraceError::Unreadable { path: folder.to_owned(), problem };
+    for entry in fs::read_dir(folder).map_err(|error| failed(error.to_string()))? {
+        let path = entry.map_err(|error| failed(error.to_string()))?.path();
+        if path.is_dir() {
+            add_folder(&path, summary)?;
+        } else if path.extension().is_some_and(|extension| extension == "jsonl") {
+            add_trace(&path, summary).map_err(|problem| TraceError::Unreadable { path, problem })?;
+        }
+    }
+    Ok(())
+}
+
+fn add_trace(path: &Path, summary: &mut TraceSummary) -> Result<(), String> {
+    let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
+    summary.episodes += 1;
+    let mut floor = None;
+    for (number, line) in (1..).zip(text.lines()) {
+        let line: Value = serde_json::from_str(line).map_err(|error| format!("line {number}: {error}"))?;
+        floor = line["weights"]["verify_floor"].as_f64().or(floor);
+        match line["action"].as_str() {
+            Some("Submit") => summary.submits += 1,
+            Some("Stop") => summary.stops += 1,
+            _ => continue,
+        }
+        // The look itself, not the verification, which exists above the floor only.
+        match (line["gate"]["fresh_vis"].as_f64(), floor) {
+            (Some(vis), Some(floor)) => summary.below_floor += u32::from(vis < floor),
+            _ => summary.unverified += 1,
+        }
+    }
+    Ok(())
 }

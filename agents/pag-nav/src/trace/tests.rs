@@ -1,7 +1,9 @@
+//! Tests of traces and of their summaries.
+
 use crate::agent::PagNav;
 use crate::preset::{Ablation, Preset};
-use crate::trace::Recorder;
 use crate::trace::lines::{MapGrid, runs};
+use crate::trace::{Recorder, TraceSummary, summarise};
 use crate::weights::Weights;
 use avln_client::{
     Action, Agent, Audio, DepthImage, GoalCue, Image, Mission, Observation, Order, Pose, TaskSpec,
@@ -293,4 +295,33 @@ fn hostile_handles_name_no_file() {
     }
     assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn claims_are_counted_by_support() {
+    let folder = tempfile::tempdir().unwrap();
+    let claim = |action: &str, vis: &str| {
+        format!("{{\"kind\":\"step\",\"action\":\"{action}\",\"gate\":{{\"fresh_vis\":{vis}}}}}\n")
+    };
+    let text = "{\"kind\":\"mission\",\"weights\":{\"verify_floor\":0.25}}\n".to_owned()
+        + &claim("Submit", "0.5")
+        + &claim("MoveForward", "null")
+        + &claim("Submit", "0.2")
+        + &claim("Stop", "null");
+    fs::create_dir(folder.path().join("inner")).unwrap();
+    fs::write(folder.path().join("inner/e.jsonl"), text).unwrap();
+    fs::write(folder.path().join("notes.txt"), "no trace").unwrap();
+    let expected = TraceSummary { episodes: 1, submits: 2, stops: 1, unverified: 1, below_floor: 1 };
+    let summary = summarise(folder.path()).unwrap();
+    assert_eq!(summary, expected);
+    assert!(summary.to_string().ends_with("below the floor: 1"));
+}
+
+#[test]
+fn broken_traces_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("e.jsonl"), "{}\n{").unwrap();
+    let error = summarise(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("e.jsonl: line 2"), "{error}");
+    assert!(summarise(&folder.path().join("absent")).is_err());
 }

@@ -3,7 +3,7 @@
 use avln_episode::{Order, Rules, Sensors};
 use avln_referee::{Audio, made_bank};
 use avln_training::{
-    AutoReset, CheapSenses, Curriculum, EnvOptions, Goals, ProgressReward, RewardRule, SourceChoice,
+    AutoReset, CheapSenses, Curriculum, Detail, EnvOptions, Goals, ProgressReward, RewardRule, SourceChoice,
     SourceOptions, Teacher,
 };
 use avln_world::{Bank, ClipPool};
@@ -32,6 +32,7 @@ pub(crate) struct VectorOptions {
     width: u32,
     height: u32,
     hfov_rad: f32,
+    detail: String,
     rgb: bool,
     depth: bool,
     audio: bool,
@@ -117,6 +118,7 @@ impl VectorOptions {
                 hfov_rad: self.hfov_rad,
                 ..sensors
             },
+            detail: named("detail", &self.detail, &DETAILS)?,
             cheap: CheapSenses { lidar: self.lidar, ears: self.ears, map: self.map },
             goal_side: self.goal_side,
             goal_cues: self.goal_cues,
@@ -148,6 +150,7 @@ const REWARDS: [(&str, RewardRule); 3] = [
     ("sparse", RewardRule::Sparse),
     ("none", RewardRule::None),
 ];
+const DETAILS: [(&str, Detail); 2] = [("exact", Detail::Exact), ("half_pixel", Detail::HalfPixel)];
 const TEACHERS: [(&str, Teacher); 2] = [("path", Teacher::Path), ("explore", Teacher::Explore)];
 const AUTORESETS: [(&str, AutoReset); 3] =
     [("NextStep", AutoReset::NextStep), ("SameStep", AutoReset::SameStep), ("Disabled", AutoReset::Disabled)];

@@ -1,9 +1,9 @@
-//! The paper's first question: difficulty for methods of different types.
+//! The paper's first question, difficulty for methods of different types, and the hard track.
 
 use super::chart::{Chart, ChartRow};
-use super::contrast::{Contrast, ORDERS, PageSection, contrast_table, correct, list};
+use super::contrast::{Contrast, ORDERS, PageSection, contrast_table, correct, family, list};
 use super::selection::TrackResults;
-use super::{name, percent};
+use super::{cells_with_floor, header_of, labels_with_floor, name, percent};
 use crate::suite::AgentVariant;
 use avln_episode::Order;
 use std::fmt::Write as _;
@@ -100,14 +100,15 @@ fn sr(track: &TrackResults<'_>, variant: AgentVariant, order: Order) -> String {
     track.variant(variant, order).sr().map_or("-".to_owned(), percent)
 }
 
-fn answer(track: &TrackResults<'_>, best: AgentVariant, contrasts: &[Contrast]) -> String {
-    let share = |name: &str, order| {
+/// Returns an agent's SR in both orders, in words.
+fn rates(track: &TrackResults<'_>, name: &str) -> String {
+    let [ordered, unordered] = ORDERS.map(|order| {
         track.row(name, order).sr().map_or("-".to_owned(), |sr| format!("{:.1} %", 100.0 * sr.value))
-    };
-    let rates = |name: &str| {
-        let [ordered, unordered] = ORDERS.map(|order| share(name, order));
-        format!("{ordered} of the ordered and {unordered} of the unordered missions")
-    };
+    });
+    format!("{ordered} of the ordered and {unordered} of the unordered missions")
+}
+
+fn answer(track: &TrackResults<'_>, best: AgentVariant, contrasts: &[Contrast]) -> String {
     let unsure: Vec<String> =
         contrasts.iter().filter(|contrast| !contrast.test.is_significant()).map(Contrast::name).collect();
     let verdict = match (contrasts.is_empty(), unsure.is_empty()) {
@@ -116,13 +117,78 @@ fn answer(track: &TrackResults<'_>, best: AgentVariant, contrasts: &[Contrast]) 
         (false, false) => format!("these differences are not significant: {}", list(&unsure)),
     };
     let bound = match track.has("shortest-path") {
-        true => format!(", the shortest path {}", rates("shortest-path")),
+        true => format!(", the shortest path {}", rates(track, "shortest-path")),
         false => String::new(),
     };
     let name = best.name();
     format!(
         "**Answer.** The best method without ground truth, {name} ({}), completes {}{bound}; {verdict}.",
         best.method_type(),
-        rates(&name)
+        rates(track, &name)
+    )
+}
+
+/// Rows that the full agent must exceed.
+const BELOW: [&str; 4] = [
+    "sound-follower",
+    "pag-nav-plus-no-gate",
+    "pag-nav-plus-no-object-memory",
+    "pag-nav-plus-no-search-sound",
+];
+const FULL: &str = "pag-nav-plus";
+/// Largest intended SR of the sound-follower.
+const MOST_BY_SOUND: f64 = 0.05;
+
+/// Returns the section; empty without results on the hard track.
+pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
+    let mut section = PageSection::default();
+    if track.lines.is_empty() {
+        return section;
+    }
+    section.text = "## Hard track\n\nThe missions of the main track with the rule set `lh-avln-hard-v1`: as many distractor sources \
+         as goals, noisy sensors, and no verdict by sudden silence. No single sense suffices: following sounds leads to \
+         distractor sources at least as often as to targets.\n"
+        .to_owned();
+    for order in ORDERS {
+        let header = header_of(&labels_with_floor());
+        let _ = write!(section.text, "\n### Hard track, {}\n\n{header}", order.as_str());
+        for variant in track.variants() {
+            let Some(summary) = track.variant(variant, order).summary() else { continue };
+            let cells = cells_with_floor(track, variant, order, &summary);
+            let _ = writeln!(section.text, "| {} |", cells.join(" | "));
+        }
+    }
+    let contrasts = hard_contrasts(track);
+    if !contrasts.is_empty() {
+        let _ = write!(section.text, "\n{}", contrast_table(&contrasts, "SR"));
+    }
+    let _ = write!(section.text, "\n{}\n", hard_answer(track, &contrasts));
+    section
+}
+
+fn hard_contrasts(track: &TrackResults<'_>) -> Vec<Contrast> {
+    family(&BELOW, |order, below| {
+        let test = track.row(FULL, order).minus(&track.row(below, order), |line| Some(line.metrics.sr))?;
+        Some((format!("{FULL} - {below}"), test))
+    })
+}
+
+fn hard_answer(track: &TrackResults<'_>, contrasts: &[Contrast]) -> String {
+    let by_sound = ORDERS.map(|order| track.row("sound-follower", order).sr());
+    let is_low = by_sound.iter().flatten().all(|sr| sr.value <= MOST_BY_SOUND);
+    let aim = if is_low { "within" } else { "above" };
+    let is_above = |contrast: &&Contrast| contrast.test.is_significant() && contrast.test.value > 0.0;
+    let (sure, unsure): (Vec<_>, Vec<_>) = contrasts.iter().partition(is_above);
+    let names = |part: &[&Contrast]| {
+        let names: Vec<_> = part.iter().map(|contrast| contrast.name()).collect();
+        if names.is_empty() { "none".to_owned() } else { list(&names) }
+    };
+    format!(
+        "**Answer.** The sound-follower completes {} ({aim} the aim of 5 %), the shortest path {}; significant differences: {}; \
+         not significant: {}.",
+        rates(track, "sound-follower"),
+        rates(track, "shortest-path"),
+        names(&sure),
+        names(&unsure)
     )
 }

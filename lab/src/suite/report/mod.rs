@@ -3,22 +3,17 @@
 mod chart;
 mod contrast;
 mod difficulty;
-mod factors;
-mod hard;
-mod head;
+mod effects;
 mod paper;
 mod selection;
-mod sound;
-mod statistics;
 
 use super::{AgentVariant, Cause, ResultLine, host::results_path, results, table};
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
-use contrast::{Contrast, ORDERS, PageSection, correct, p, points};
+use contrast::{Contrast, ORDERS, PageSection, average, correct, list, p, points};
 use selection::{RowResults, TrackResults, comparable};
-use statistics::average;
-use std::{fmt::Write as _, path::Path};
+use std::{collections::BTreeMap, fmt::Write as _, path::Path};
 
 const ENDS: [EndReason; 4] =
     [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
@@ -62,11 +57,11 @@ fn of_lines(lines: &[&ResultLine]) -> Option<SuiteReport> {
     let page = ReportPage { track };
     let questions = [
         difficulty::difficulty_section(&page.track),
-        sound::sound_section(&page.track, &verdicts),
-        factors::factors_section(&page.track),
-        hard::hard_section(&TrackResults::of(lines, "hard", "none")),
+        effects::sound_section(&page.track, &verdicts),
+        effects::factors_section(&page.track),
+        difficulty::hard_section(&TrackResults::of(lines, "hard", "none")),
     ];
-    let mut parts = vec![head::head(&page.track)?, page.main(), TESTS.to_owned()];
+    let mut parts = vec![head(&page.track)?, page.main(), TESTS.to_owned()];
     let mut charts = Vec::new();
     for PageSection { text, charts: own } in questions {
         parts.extend(Some(text).filter(|text| !text.is_empty()));
@@ -128,13 +123,9 @@ impl ReportPage<'_> {
              verifies. *no-acoustic-memory*: only the present sound. *no-map*: only the present view. *no-priors*: neutral priors. \
              *no-gate*: claims at a plausible candidate without visual verification. Others remove an extension of the paper.\n",
         );
+        let header = header_of(&[&labels()[..], &["ISR of the preset minus own"]].concat());
         for order in ORDERS {
-            let _ = write!(
-                text,
-                "\n### Ablations, {}\n\n{}",
-                order.as_str(),
-                header(&["ISR of the preset minus own"])
-            );
+            let _ = write!(text, "\n### Ablations, {}\n\n{header}", order.as_str());
             for base in ["pag-nav-plus", "pag-nav"] {
                 self.ablations_of(base, order, &mut text);
             }
@@ -159,7 +150,7 @@ impl ReportPage<'_> {
             let Some(summary) = self.track.variant(variant, order).summary() else { continue };
             let own = tests.iter().find(|contrast| contrast.label == variant.name());
             let less = own.map_or("-".to_owned(), |own| format!("{}, {}", points(&own.test), p(&own.test)));
-            let _ = writeln!(text, "{} {less} |", row(variant, &summary));
+            let _ = writeln!(text, "| {} | {less} |", cells(variant, &summary).join(" | "));
         }
     }
 
@@ -236,16 +227,6 @@ fn header_of(labels: &[&str]) -> String {
     format!("| {} |\n|{}\n", labels.join(" | "), "---|".repeat(labels.len()))
 }
 
-/// Returns the header for rows by [`row`] with `more` columns.
-fn header(more: &[&str]) -> String {
-    header_of(&[&labels()[..], more].concat())
-}
-
-/// Returns an agent's first cells.
-fn row(variant: AgentVariant, summary: &Summary) -> String {
-    format!("| {} |", cells(variant, summary).join(" | "))
-}
-
 /// Returns the labels of [`cells_with_floor`].
 fn labels_with_floor() -> Vec<&'static str> {
     let mut labels = labels();
@@ -267,6 +248,7 @@ fn cells_with_floor(
     cells
 }
 
+/// Returns an agent's first cells.
 fn cells(variant: AgentVariant, summary: &Summary) -> Vec<String> {
     let method_type = match variant.is_privileged() {
         true => "-".to_owned(),
@@ -283,6 +265,89 @@ fn cells(variant: AgentVariant, summary: &Summary) -> Vec<String> {
 fn percent(estimate: Estimate) -> String {
     let Estimate { value, low, high } = estimate;
     format!("{:.1} [{:.1}, {:.1}]", 100.0 * value, 100.0 * low, 100.0 * high)
+}
+
+/// Returns the head; `None` without results.
+fn head(track: &TrackResults<'_>) -> Option<String> {
+    let key = &track.lines.first()?.key;
+    let houses: BTreeMap<&str, &ResultLine> =
+        track.lines.iter().map(|line| (line.scene.as_str(), *line)).collect();
+    let orders = ORDERS.map(|order| missions(track, order));
+    let most = orders.iter().map(BTreeMap::len).max().unwrap_or(0);
+    let mut rows = vec![("missions", format!("{most} in {} houses: {}", houses.len(), split(&key.track)))];
+    let names = ["reference, ordered", "reference, unordered"];
+    rows.extend(names.into_iter().zip(orders.iter().map(reference)));
+    rows.extend([
+        ("storeys", storeys(&houses)),
+        ("walkable area", area(&houses)),
+        ("images", format!("{0} × {0} pixels, colour and depth", key.side_px)),
+        ("clips", clips(&key.track).to_owned()),
+        ("rules", format!("`{}`, feedback: {}", key.rules, key.feedback)),
+        ("versions", format!("program {}, benchmark {}", key.program, key.benchmark)),
+        ("split digest", format!("`{}`", &key.split[..key.split.len().min(16)])),
+        ("agent seed", key.seed.to_string()),
+        (
+            "play",
+            format!("{} episodes in {:.1} hours of episode time", track.lines.len(), wall_h(&track.lines)),
+        ),
+    ]);
+    let rows: Vec<_> = rows.iter().map(|(label, value)| format!("| {label} | {value} |\n")).collect();
+    Some(format!(
+        "# Results\n\nWritten by `avln lab baselines report`; do not edit. Numbers are percentages with 95 % intervals, resampled by \
+         house. Rows with fewer missions have equal numbers from all houses. Agents marked † are privileged: they receive ground \
+         truth and show the value of perfect perception. [results.csv](results.csv) lists all episodes.\n\n\
+         | | |\n|---|---|\n{}",
+        rows.concat()
+    ))
+}
+
+/// Returns a result per mission of an order.
+fn missions<'a>(track: &TrackResults<'a>, order: Order) -> BTreeMap<&'a str, &'a ResultLine> {
+    let own = track.lines.iter().filter(|line| line.order() == order);
+    own.map(|line| (line.key.episode.as_str(), *line)).collect()
+}
+
+fn reference(missions: &BTreeMap<&str, &ResultLine>) -> String {
+    if missions.is_empty() {
+        return "-".to_owned();
+    }
+    let (steps, _) = average(missions.values().map(|line| f64::from(line.mission.reference_steps)));
+    let (length_m, _) = average(missions.values().map(|line| line.metrics.reference_m));
+    format!("{steps:.1} steps, {length_m:.1} m on average")
+}
+
+fn storeys(houses: &BTreeMap<&str, &ResultLine>) -> String {
+    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+    houses.values().for_each(|line| *counts.entry(line.mission.storeys).or_default() += 1);
+    let words = counts.into_iter().map(|(storeys, count)| {
+        let houses = if count == 1 { "house" } else { "houses" };
+        format!("{storeys} in {count} {houses}")
+    });
+    list(&words.collect::<Vec<_>>())
+}
+
+fn area(houses: &BTreeMap<&str, &ResultLine>) -> String {
+    let areas_m2 = || houses.values().map(|line| line.mission.area_m2);
+    let (least, most) = (areas_m2().fold(f64::INFINITY, f64::min), areas_m2().fold(0.0, f64::max));
+    format!("{:.0} m² on average ({least:.0} to {most:.0})", average(areas_m2()).0)
+}
+
+/// Describes the split of a track.
+fn split(track: &str) -> &'static str {
+    match track {
+        "main" => {
+            "split `val` of the recipe `paper`, with furniture from the validation pool, unseen in training and tuning"
+        }
+        "quick" => {
+            "split `val` of the small houses in `lab/src/suite/recipe.json`, with furniture from the validation pool, unseen in \
+             training and tuning"
+        }
+        _ => "practice houses from the training pool",
+    }
+}
+
+fn clips(track: &str) -> &'static str {
+    if track.ends_with("practice") { "training share of the bank" } else { "validation share of the bank" }
 }
 
 #[cfg(test)]

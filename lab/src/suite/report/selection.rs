@@ -1,6 +1,6 @@
 //! Selection of results: the compared edition, tracks, and an agent's results in one order.
 
-use super::statistics::{Difference, average, between, paired};
+use super::contrast::{Difference, average, between, paired};
 use crate::suite::{AgentVariant, EpisodeKey, ResultLine};
 use avln_episode::{Modality, Order};
 use avln_scoring::{EpisodeScore, Estimate, Summary, summarise};
@@ -152,7 +152,7 @@ pub(super) fn modality_share(line: &ResultLine, modality: Modality) -> Option<f6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::suite::samples::{line, moved};
+    use crate::suite::results::samples::{line, moved};
 
     fn of(lines: &[ResultLine]) -> Vec<&ResultLine> {
         comparable(lines.iter())

@@ -1,7 +1,7 @@
 //! Tests of the whole page.
 
 use super::*;
-use crate::suite::samples::{line, moved};
+use crate::suite::results::samples::{line, moved};
 
 const EPISODES: u32 = 22;
 

@@ -96,8 +96,7 @@ pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Res
     let runs = store.runs_ended_before(cutoff).await?;
     let mut pruned = Pruned { runs: runs.len(), ..Pruned::default() };
     for path in runs.iter().map(|run| logs.path(run)) {
-        let length = remove(&path, options.dry_run)
-            .map_err(|error| Failure::data(format!("cannot remove {}: {error}", path.display())))?;
+        let length = remove(&path, options.dry_run).map_err(|error| Failure::file("remove", &path, error))?;
         pruned.logs += u32::from(length.is_some());
         pruned.bytes += length.unwrap_or(0);
     }

@@ -3,11 +3,7 @@
 //! A backup contains database, run logs, signing key, number of server starts, splits, recordings and heads. It excludes the
 //! reproducible `cache/` and data outside the folder: data sets and scene files.
 
-use crate::{
-    Failure,
-    data::{DataFolder, private_file},
-    now_unix_ms,
-};
+use crate::{Failure, data::DataFolder, now_unix_ms, private_file, sync_folder};
 use archive::Writer;
 pub use archive::{ArchivedFile, Manifest};
 use avln_store::{Inventory, copy_database, inspect_database};
@@ -51,7 +47,7 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
         return Err(taken(to));
     }
     let folder = parent(to);
-    let failed = |error: io::Error| Failure::data(format!("cannot write {}: {error}", to.display()));
+    let failed = |error: io::Error| Failure::file("write", to, error);
     let left_out = left_out(data);
     let work = work_folder(".avln-backup-", folder).map_err(failed)?;
     let copy = work.path().join(DATABASE);
@@ -91,7 +87,7 @@ fn write(
     made_ms: i64,
     to: &Path,
 ) -> Result<Manifest, Failure> {
-    let failed = |error: io::Error| Failure::data(format!("cannot write {}: {error}", to.display()));
+    let failed = |error: io::Error| Failure::file("write", to, error);
     let file = tempfile::Builder::new().prefix(".avln-backup-").tempfile_in(parent(to)).map_err(failed)?;
     let mut writer = Writer::new(BufWriter::new(file.as_file()), Manifest::new(inventory.schema, made_ms));
     add_file(&mut writer, DATABASE, copy)?;
@@ -120,7 +116,7 @@ fn write(
 type Out<'a> = Writer<BufWriter<&'a File>>;
 
 fn cannot_back_up(path: &Path) -> impl Fn(io::Error) -> Failure + '_ {
-    move |error| Failure::data(format!("cannot back up {}: {error}", path.display()))
+    move |error| Failure::file("back up", path, error)
 }
 
 fn add_file(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failure> {
@@ -155,7 +151,7 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
 /// Creates the data folder `to` from a backup, completely or not at all. An existing empty folder, such as a
 /// container volume, receives the database last.
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
-    let failed = |error: io::Error| Failure::data(format!("cannot restore to {}: {error}", to.display()));
+    let failed = |error: io::Error| Failure::file("restore to", to, error);
     if is_occupied(to).map_err(failed)? {
         let message =
             format!("{} is not empty; a backup is only restored into a new or empty folder", to.display());
@@ -207,8 +203,7 @@ fn is_occupied(folder: &Path) -> io::Result<bool> {
 
 fn unpack(from: &Path, to: &Path) -> Result<Manifest, Failure> {
     let failed = |error: io::Error| {
-        let message = format!("cannot restore backup {}: {error}", from.display());
-        Failure::data(message).hinted("use another backup; nothing was changed")
+        Failure::file("restore backup", from, error).hinted("use another backup; nothing was changed")
     };
     let file = File::open(from).map_err(failed)?;
     archive::read_archive(io::BufReader::new(file), |path, read| unpack_file(&to.join(path), read))
@@ -221,11 +216,6 @@ fn unpack_file(path: &Path, from: &mut dyn Read) -> io::Result<()> {
     let mut file = private_file().write(true).create_new(true).open(path)?;
     io::copy(from, &mut file)?;
     file.sync_all()
-}
-
-/// Syncs the names in a folder, if supported.
-pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
-    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
 fn left_out(data: &Path) -> Vec<PathBuf> {

@@ -1,8 +1,8 @@
 //! Phase of a challenge file, converted.
 
 use super::{
-    Fault, KeyPath, PhaseFile,
-    file::{KEPT, SPHERE, Sensor, unix_ms},
+    Fault, PhaseFile,
+    file::{KEPT, SOUND_SHARES, SPHERE, Sensor, unix_ms},
     one_line,
 };
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
     data::{DataFolder, check_name},
     dataset::SplitFolder,
     now_unix_ms,
-    setup::{self, check_seed, check_sounds, rules_for_phase, sounds_for_phase},
+    setup::{self, check_sounds, rules_for_phase, sounds_for_phase},
 };
 use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
 use avln_store::{Phase, PhaseEpisode, PublishedSplits, Sampling, Schedule, Visibility};
@@ -49,7 +49,7 @@ impl PhaseConversion<'_> {
     pub(super) fn fault(&self, key: &str, problem: impl std::fmt::Display) -> Fault {
         let mut path = vec!["phases", self.index];
         path.extend(key.split('.'));
-        KeyPath { path: &path }.fault(problem)
+        Fault::at_key(&path, problem)
     }
 
     fn failed(&self, key: &str, failure: &Failure) -> Fault {
@@ -139,7 +139,7 @@ impl PhaseConversion<'_> {
         if self.old.map(visibility) == Some(visibility(phase)) {
             return Ok(());
         }
-        let checked = check_seed(split, phase.scores, phase.replays);
+        let checked = split.check_seed(phase.scores, phase.replays);
         checked.map_err(|failure| self.failed("split", &failure))
     }
 
@@ -210,14 +210,15 @@ impl PhaseConversion<'_> {
     fn sounds(&self, split: &SplitFolder) -> Result<Sounds, Fault> {
         let word = self.entry.sounds.as_deref();
         let data = self.data;
+        let is_share = |word: &str| SOUND_SHARES.iter().any(|(share, _)| *share == word);
         let found = match word {
-            None | Some("all" | "train" | "validation" | "test") => sounds_for_phase(data, word, split),
-            Some(word) => match word.strip_prefix(KEPT) {
+            Some(word) if !is_share(word) => match word.strip_prefix(KEPT) {
                 Some(digest) => {
                     data.bank(&Sounds::Own(digest.to_owned())).map(|_| Sounds::Own(digest.to_owned()))
                 }
                 None => data.sounds().import(&self.base.join(word)).map(Sounds::Own),
             },
+            share => sounds_for_phase(data, share, split),
         };
         found.map_err(|failure| self.failed("sounds", &failure))
     }
@@ -256,7 +257,7 @@ impl PhaseConversion<'_> {
     }
 
     fn schedule(&self) -> Result<Schedule, Fault> {
-        let moment = |key, written| unix_ms(written, KeyPath { path: &["phases", self.index, key] });
+        let moment = |key, written| unix_ms(written, &["phases", self.index, key]);
         let opens = moment("opens", self.entry.opens.as_ref())?;
         let closes = moment("closes", self.entry.closes.as_ref())?;
         if let (Some(opens), Some(closes)) = (opens, closes)

@@ -60,24 +60,15 @@ pub struct Fault {
     problem: String,
 }
 
-/// A key.
-#[derive(Clone, Copy, Debug)]
-pub struct KeyPath<'a> {
-    /// Keys from the top, and list indices from 0.
-    pub path: &'a [&'a str],
-}
-
-impl KeyPath<'_> {
-    /// Returns a fault at this key.
-    pub fn fault(&self, problem: impl fmt::Display) -> Fault {
-        let path = self.path.iter().map(|&step| step.to_owned()).collect();
-        Fault { span: None, path, problem: problem.to_string() }
-    }
-}
-
 impl Fault {
     pub(super) fn of_toml(text: &str, error: &toml::de::Error) -> Self {
         Self::at(error.span().unwrap_or(0..text.len().min(1)), error.message().trim())
+    }
+
+    /// Returns a fault at a key: keys from the top, and list indices from 0.
+    pub(super) fn at_key(path: &[&str], problem: impl fmt::Display) -> Self {
+        let path = path.iter().map(|&step| step.to_owned()).collect();
+        Self { span: None, path, problem: problem.to_string() }
     }
 
     /// Returns a fault at these bytes.

@@ -4,20 +4,18 @@
 
 use crate::Failure;
 use avln_store::{AuditNote, Phase};
-pub use fault::{Fault, KeyPath};
+pub use fault::Fault;
+pub(crate) use file::SOUND_SHARES;
 pub use file::{ChallengeFile, PhaseFile, SplitSource, json, moment_of};
-pub use plan::{ChallengeChanges, PlanError, Planner};
+pub use plan::{ChallengeChanges, PlanError, Planner, SummaryStyle};
 use serde_json::Value;
 use std::collections::BTreeMap;
-pub use summary::SummaryStyle;
 
 mod conversion;
 mod fault;
 mod file;
-mod keys;
 pub(crate) mod overlap;
 mod plan;
-mod summary;
 
 /// Returns the command line's actor for audit entries.
 pub fn actor() -> String {
@@ -213,7 +211,7 @@ mod tests {
     fn faults_show_the_line_of_the_nearest_key() {
         let text = format!("{SMALL}\n{SMALL}quota = {{ day = 0 }}\n");
         let line = |path: &[&str]| {
-            let message = KeyPath { path }.fault("is wrong").explain(Path::new("c.toml"), &text).to_string();
+            let message = Fault::at_key(path, "is wrong").explain(Path::new("c.toml"), &text).to_string();
             message
                 .split_once(", line ")
                 .and_then(|(_, rest)| rest.split_once(':'))

@@ -1,12 +1,12 @@
-//! Data sets on disk, read scene by scene.
+//! Data sets on disk: files, plain or sealed. [`SplitFolder`] reads a split scene by scene.
 
-use crate::{Failure, data::private_file, lru::LruCache};
+use crate::{Failure, private_file};
 use avln_dataset::{
-    BuiltScene, DatasetError, EpisodeSpec, Manifest, PublicMission, Recipe, SceneLine, SceneMissions,
-    SceneSource, SceneSpec, SecretFile, Split, SplitLine, Statistics,
+    BuiltScene, DatasetError, FormatError, Manifest, Recipe, SceneLine, SecretFile, Split, SplitLine,
+    Statistics,
     format::{
-        DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
-        read_scenes, read_secret, scenes_bytes, write_scene,
+        DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_scenes, read_secret,
+        scenes_bytes, write_scene,
     },
 };
 use seal::{Keyring, Salt};
@@ -18,9 +18,10 @@ use std::{
 };
 
 mod seal;
-mod truth;
+mod split;
 
 pub use seal::Passphrase;
+pub use split::{KnownSeed, SplitFolder};
 
 /// Largest file, bytes: a scene's missions take some megabytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -78,8 +79,7 @@ impl DatasetFiles {
         let bytes = read(&path).map_err(|failure| {
             failure.hinted("build a data set there with: avln data dataset build CONFIG --out FOLDER")
         })?;
-        Ok(read_manifest(File { name: &path.display().to_string(), bytes: &bytes })
-            .map_err(DatasetError::from)?)
+        parsed(&path, &bytes, read_manifest)
     }
 
     /// Reads a scene list.
@@ -89,8 +89,8 @@ impl DatasetFiles {
     }
 
     fn scenes_in(&self, split: &SplitLine, bytes: &[u8]) -> Result<Vec<SceneLine>, Failure> {
-        let name = self.scenes_path(&split.name).display().to_string();
-        let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
+        let path = self.scenes_path(&split.name);
+        let scenes = parsed(&path, bytes, |file| read_scenes(file, &split.digest))?;
         scenes.iter().try_for_each(|scene| check_plain(&scene.name))?;
         Ok(scenes)
     }
@@ -102,8 +102,7 @@ impl DatasetFiles {
         if !path.is_file() {
             return Ok(None);
         }
-        let (name, bytes) = (path.display().to_string(), read(&path)?);
-        Ok(Some(read_secret(File { name: &name, bytes: &bytes }).map_err(DatasetError::from)?))
+        parsed(&path, &read(&path)?, read_secret).map(Some)
     }
 
     /// Writes a secret split's seed.
@@ -141,13 +140,15 @@ impl DatasetFiles {
         Ok(page)
     }
 
+    fn missing(&self, split: &str) -> Failure {
+        Failure::scene(format!("data set {} has no split '{split}'", self.root.display()))
+    }
+
     /// Seals missions, truth and scene list in place. Sealed files stay; they need the same passphrase.
     pub fn seal(&self, split: &str, passphrase: Passphrase) -> Result<Sealed, Failure> {
         let manifest = self.manifest()?;
-        let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
-            let message = format!("data set {} has no split '{split}'", self.root.display());
-            Failure::scene(message)
-        })?;
+        let line = manifest.splits.iter().find(|line| line.name == split);
+        let line = line.ok_or_else(|| self.missing(split))?;
         let (ring, salt) = (Keyring::new(Some(passphrase)), Salt::random()?);
         let list = self.scenes_path(split);
         let mut paths = Vec::new();
@@ -184,8 +185,18 @@ impl DatasetFiles {
 
     /// Writes the files of a built scene.
     pub fn write_built_scene(&self, split: &str, built: &BuiltScene) -> Result<(), Failure> {
-        write_private(&self.missions_path(split, &built.line.name), &built.missions)?;
-        write_private(&self.sealed_path(split, &built.line.name), &built.sealed)
+        self.write_scene_files(split, &built.line.name, &built.missions, &built.sealed)
+    }
+
+    fn write_scene_files(
+        &self,
+        split: &str,
+        scene: &str,
+        missions: &[u8],
+        sealed: &[u8],
+    ) -> Result<(), Failure> {
+        write_private(&self.missions_path(split, scene), missions)?;
+        write_private(&self.sealed_path(split, scene), sealed)
     }
 
     /// Writes the scene lists and the manifest, which marks a data set as complete.
@@ -210,8 +221,7 @@ impl DatasetFiles {
             let episodes: Vec<_> =
                 split.episodes.iter().filter(|episode| episode.scene == scene.name).cloned().collect();
             let written = write_scene(scene, None, &episodes)?;
-            write_private(&self.missions_path(&split.name, &scene.name), &written.missions)?;
-            write_private(&self.sealed_path(&split.name, &scene.name), &written.sealed)?;
+            self.write_scene_files(&split.name, &scene.name, &written.missions, &written.sealed)?;
             lines.push(written.line);
         }
         let line = self.write_scenes(&split.name, &lines)?;
@@ -253,6 +263,16 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     seal::opened(path, read_as_is(path)?)
 }
 
+/// Parses the contents of a data set file.
+fn parsed<T>(
+    path: &Path,
+    bytes: &[u8],
+    parse: impl FnOnce(File<'_>) -> Result<T, FormatError>,
+) -> Result<T, Failure> {
+    let name = path.display().to_string();
+    Ok(parse(File { name: &name, bytes }).map_err(DatasetError::from)?)
+}
+
 /// Reads a file without decryption.
 fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
@@ -286,190 +306,4 @@ fn write_file(path: &Path, bytes: &[u8], mut options: OpenOptions) -> Result<(),
         .and_then(|mut file| file.write_all(bytes))
         .and_then(|()| std::fs::rename(&partial, path))
         .map_err(|error| Failure::file("write", path, error))
-}
-
-/// Knowledge about a split's seed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KnownSeed {
-    /// 256 secret bits.
-    Secret,
-    /// A number, or houses of a number that is not recorded.
-    Number(Option<u64>),
-    /// No procedural houses and no recorded seed, such as imported missions.
-    None,
-}
-
-impl KnownSeed {
-    fn of(manifest: &Manifest, scenes: &[SceneLine]) -> Self {
-        let seed = manifest.seed.or_else(|| manifest.recipe.as_ref().and_then(|recipe| recipe.seed));
-        let is_house = |scene: &SceneLine| matches!(scene.source, SceneSource::Procedural { .. });
-        if seed.is_some() || scenes.iter().any(is_house) { Self::Number(seed) } else { Self::None }
-    }
-
-    /// Fails for a number. `missions` names the hidden missions in the message.
-    ///
-    /// Anyone can generate the missions of all small numbers, and compare them with an observation.
-    pub fn check_secret(self, missions: &str) -> Result<(), Failure> {
-        let Self::Number(seed) = self else { return Ok(()) };
-        let number = seed.map_or_else(|| "a number".to_owned(), |seed| format!("the number {seed}"));
-        Err(Failure::scene(format!(
-            "{missions} cannot be hidden: they were drawn with {number}, which participants can guess"
-        ))
-        .hinted("make a split with a secret seed: avln data split make NAME, without --seed"))
-    }
-}
-
-const CACHED_SCENES: usize = 16;
-
-/// A split on disk. Missions are read per scene on demand.
-pub struct SplitFolder {
-    files: DatasetFiles,
-    /// Name in the data set.
-    split: String,
-    rules: String,
-    digest: String,
-    is_sealed: bool,
-    seed: KnownSeed,
-    missions: usize,
-    scenes: Vec<SceneLine>,
-    by_name: BTreeMap<String, usize>,
-    cache: LruCache<usize, SceneMissions>,
-}
-
-impl SplitFolder {
-    /// Opens a split and reads the scene list.
-    pub fn open(root: &Path, split: &str) -> Result<Self, Failure> {
-        let files = DatasetFiles::at(root);
-        let manifest = files.manifest()?;
-        let Some(line) = manifest.splits.iter().find(|line| line.name == split) else {
-            let known: Vec<_> = manifest.splits.iter().map(|line| line.name.as_str()).collect();
-            let message = format!("data set {} has no split '{split}'", root.display());
-            return Err(Failure::scene(message).hinted(format!("its splits are: {}", known.join(", "))));
-        };
-        let (scenes, is_sealed) = (files.scenes(line)?, files.is_sealed(split)?);
-        let seed = if files.secret_path(split).is_file() {
-            KnownSeed::Secret
-        } else {
-            KnownSeed::of(&manifest, &scenes)
-        };
-        let by_name = scenes.iter().map(|scene| scene.name.clone()).zip(0..).collect();
-        Ok(Self {
-            files,
-            split: line.name.clone(),
-            rules: manifest.rules.clone(),
-            digest: line.digest.clone(),
-            is_sealed,
-            seed,
-            missions: line.missions,
-            scenes,
-            by_name,
-            cache: LruCache::new(CACHED_SCENES, |_| 1),
-        })
-    }
-
-    /// Returns the rule set's name.
-    pub fn rules(&self) -> &str {
-        &self.rules
-    }
-
-    /// Returns the digest over all files.
-    pub fn digest(&self) -> &str {
-        &self.digest
-    }
-
-    /// Name in the data set.
-    pub fn name(&self) -> &str {
-        &self.split
-    }
-
-    /// Returns true if the files need a passphrase.
-    pub fn is_sealed(&self) -> bool {
-        self.is_sealed
-    }
-
-    /// Reads the secret and recipe of a secret split; `None` for other splits.
-    pub fn secret(&self) -> Result<Option<SecretFile>, Failure> {
-        self.files.secret(&self.split)
-    }
-
-    /// Returns the knowledge about the seed.
-    pub fn seed(&self) -> KnownSeed {
-        self.seed
-    }
-
-    /// Returns the mission count.
-    pub fn mission_count(&self) -> usize {
-        self.missions
-    }
-
-    /// Returns the scenes.
-    pub fn scenes(&self) -> &[SceneLine] {
-        &self.scenes
-    }
-
-    /// Returns a scene's specification.
-    pub fn scene(&self, name: &str) -> Option<SceneSpec> {
-        self.by_name.get(name).map(|&index| self.scenes[index].spec())
-    }
-
-    /// Returns true if `id` can be a mission in `scene`; reads no files.
-    pub fn may_hold(&self, scene: &str, id: &str) -> bool {
-        self.by_name.contains_key(scene) && scene_of(id) == Some(scene)
-    }
-
-    /// Reads a scene's missions, the public part.
-    pub fn public(&self, scene: &SceneLine) -> Result<Vec<PublicMission>, Failure> {
-        let path = self.files.missions_path(&self.split, &scene.name);
-        let (name, bytes) = (path.display().to_string(), read(&path)?);
-        Ok(read_missions(File { name: &name, bytes: &bytes }, &scene.name).map_err(DatasetError::from)?)
-    }
-
-    /// Reads a scene's missions, both parts.
-    pub fn episodes(&self, scene: &SceneLine) -> Result<Vec<EpisodeSpec>, Failure> {
-        let public = self.files.missions_path(&self.split, &scene.name);
-        let sealed = self.files.sealed_path(&self.split, &scene.name);
-        let (public_bytes, sealed_bytes) = (read(&public)?, read(&sealed)?);
-        let (public, sealed) = (public.display().to_string(), sealed.display().to_string());
-        let public = File { name: &public, bytes: &public_bytes };
-        let sealed = File { name: &sealed, bytes: &sealed_bytes };
-        Ok(read_scene(scene, public, sealed).map_err(DatasetError::from)?)
-    }
-
-    /// Compares all files with the digests in the scene list; fails at the first difference.
-    pub fn check_files(&self) -> Result<(), Failure> {
-        for scene in &self.scenes {
-            let public = (self.files.missions_path(&self.split, &scene.name), &scene.public);
-            let sealed = (self.files.sealed_path(&self.split, &scene.name), &scene.sealed);
-            for (path, digest) in [public, sealed] {
-                let found = digest_of(&read(&path)?);
-                if found != *digest {
-                    let message =
-                        format!("{} has digest {found}, but the scene list has {digest}", path.display());
-                    return Err(Failure::scene(message).hinted("restore the split's files from a backup"));
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Returns a mission; `None` if unknown.
-    pub fn episode(&self, id: &str) -> Result<Option<EpisodeSpec>, Failure> {
-        let scene = self.scene_of_mission(id)?;
-        Ok(scene.and_then(|missions| missions.episodes().iter().find(|episode| episode.id == id).cloned()))
-    }
-
-    /// Loads all missions.
-    pub fn load(&self) -> Result<Split, Failure> {
-        let mut episodes = Vec::new();
-        for scene in &self.scenes {
-            episodes.extend(self.episodes(scene)?);
-        }
-        let scenes = self.scenes.iter().map(SceneLine::spec).collect();
-        Ok(Split { name: self.split.clone(), rules: self.rules.clone(), scenes, episodes })
-    }
-}
-
-/// Returns the scene in a mission id: the part before the last `-`.
-fn scene_of(id: &str) -> Option<&str> {
-    id.rsplit_once('-').map(|(scene, _)| scene)
 }

@@ -4,7 +4,7 @@
 //! XChaCha20-Poly1305, bound to the file's name and folder. The key is derived by Argon2id from passphrase
 //! and salt; all files sealed together share it. Plain text exists only in memory.
 
-use crate::Failure;
+use crate::{Failure, lock};
 use argon2::{Algorithm, Argon2, Params, Version};
 use chacha20poly1305::{
     Key, KeyInit, XChaCha20Poly1305, XNonce,
@@ -13,7 +13,7 @@ use chacha20poly1305::{
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::{Mutex, OnceLock, PoisonError},
+    sync::{Mutex, OnceLock},
 };
 
 const MAGIC: &[u8] = b"avln sealed 1\n";
@@ -123,7 +123,7 @@ impl Keyring {
     /// Returns the key for a salt, derived once; `None` without a passphrase.
     fn key(&self, salt: &[u8]) -> Result<Option<Key>, Failure> {
         let Some(passphrase) = &self.passphrase else { return Ok(None) };
-        let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut keys = lock(&self.keys);
         if let Some(key) = keys.get(salt) {
             return Ok(Some(*key));
         }

@@ -2,8 +2,7 @@
 
 use crate::{
     clock::Clock,
-    data::private_file,
-    now_unix_ms,
+    lock, now_unix_ms, private_file,
     runlog::{Entry, History, LogError, link},
 };
 use avln_grpc::{Acted, EpisodeLog};
@@ -14,7 +13,7 @@ use std::{
     io::{self, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, Ordering},
     },
     time::Duration,
@@ -24,7 +23,7 @@ use tempfile::NamedTempFile;
 /// The run logs in a folder.
 #[derive(Debug)]
 pub struct RunLogs {
-    folder: PathBuf,
+    pub(crate) folder: PathBuf,
     /// Number of the server start; `None` outside a server.
     epoch: Option<u64>,
     opened: Mutex<OpenedLogs>,
@@ -66,11 +65,6 @@ impl RunLogs {
         Self { epoch: Some(epoch), ..self }
     }
 
-    /// Returns the folder.
-    pub fn folder(&self) -> &Path {
-        &self.folder
-    }
-
     /// Returns the path for a run.
     pub fn path(&self, run: &str) -> PathBuf {
         self.folder.join(format!("{run}.log"))
@@ -84,7 +78,7 @@ impl RunLogs {
 
     /// Opens a run's log for writing; `first` creates the first entry.
     pub fn open(&self, run: &str, first: impl FnOnce() -> Entry) -> Result<Arc<RunLog>, LogError> {
-        let mut opened = self.opened();
+        let mut opened = lock(&self.opened);
         if let Some(log) = opened.open.get(run) {
             return Ok(log.clone());
         }
@@ -123,7 +117,7 @@ impl RunLogs {
 
     /// Syncs logs to disk and closes unused ones.
     pub fn sync(&self) {
-        let mut opened = self.opened();
+        let mut opened = lock(&self.opened);
         // A log with unsynced lines stays open: closing it would skip the sync.
         opened.open.retain(|_, log| Arc::strong_count(log) > 1 || log.dirty.load(Ordering::Acquire));
         let logs: Vec<_> = opened.open.values().cloned().collect();
@@ -134,10 +128,6 @@ impl RunLogs {
                 tracing::error!(path = %log.path.display(), %error, "cannot sync a run log to disk");
             }
         }
-    }
-
-    fn opened(&self) -> MutexGuard<'_, OpenedLogs> {
-        self.opened.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -163,7 +153,7 @@ impl RunLog {
 
     /// Signs all lines.
     pub fn sign(&self, key: &SigningKey) -> io::Result<()> {
-        let head = self.end.lock().unwrap_or_else(PoisonError::into_inner).head.clone();
+        let head = lock(&self.end).head.clone();
         let signature = key.sign(&head);
         self.write(&Entry::Signed { head, key: key.public(), signature })?;
         self.sync()
@@ -173,7 +163,7 @@ impl RunLog {
     /// After an error the log is unchanged.
     pub fn write(&self, entry: &Entry) -> io::Result<()> {
         let json = serde_json::to_string(entry)?;
-        let mut end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut end = lock(&self.end);
         let digits = link(&end.head, &json);
         let line = format!("{digits} {json}\n");
         // After a failure the rest of the line is removed, because the next line must follow the hash chain.
@@ -196,7 +186,7 @@ impl RunLog {
             return Ok(());
         }
         // On another handle, so that writers do not wait for the disk.
-        let file = self.end.lock().unwrap_or_else(PoisonError::into_inner).file.try_clone()?;
+        let file = lock(&self.end).file.try_clone()?;
         file.sync_data().inspect_err(|_| self.dirty.store(true, Ordering::Release))
     }
 }

@@ -1,6 +1,6 @@
 //! A challenge file: checked, applied, shown, played on a running server, and revealed.
 
-use crate::hall::Hall;
+use crate::Hall;
 use avln_arena::{
     Arena, SCENE_MEMORY_MIB,
     challenge::SummaryStyle,
@@ -52,7 +52,6 @@ fn request(phase: &str) -> RunRequest {
 
 #[tokio::test]
 async fn repeated_apply_changes_nothing() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     assert!(!hall.apply(FILE).await.is_empty());
     let lines = hall.audit_lines().await;
@@ -73,7 +72,6 @@ async fn repeated_apply_changes_nothing() {
 
 #[tokio::test]
 async fn manual_decisions_survive_apply() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
@@ -88,7 +86,6 @@ async fn manual_decisions_survive_apply() {
 
 #[tokio::test]
 async fn nonsense_value_error_has_line() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     let cases = [
         ("split = \"val\"", "split = \"train\"", 4, "split 'train'"),
@@ -123,7 +120,6 @@ async fn nonsense_value_error_has_line() {
 
 #[tokio::test]
 async fn running_server_sees_organiser_changes() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
@@ -166,7 +162,6 @@ async fn running_server_sees_organiser_changes() {
 
 #[tokio::test]
 async fn first_run_fixes_silence() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     let late = FILE.replace("feedback = \"verdict\"", "silence = \"window_end\"");
     hall.apply(&late).await;
@@ -182,7 +177,6 @@ async fn first_run_fixes_silence() {
 
 #[tokio::test]
 async fn hard_track_needs_enough_other_targets() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.make("rich", 8, 8).await;
     hall.make("poor", 9, 1).await;
@@ -210,7 +204,6 @@ async fn hard_track_needs_enough_other_targets() {
 
 #[tokio::test]
 async fn first_run_fixes_claims_and_distractors() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     let options = "extra_submit = \"ends_episode\"\nstop_claims = \"last_only\"\ndistractor_sources = 1";
     let file = FILE.replace("feedback = \"verdict\"", options);
@@ -230,7 +223,6 @@ async fn first_run_fixes_claims_and_distractors() {
 
 #[tokio::test]
 async fn run_samples_are_fixed_and_fulfilled() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
@@ -258,7 +250,6 @@ fn single(id: &str, split: &str, visible_to: &str) -> String {
 
 #[tokio::test]
 async fn faults_of_all_phases_are_reported() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     let text = FILE
         .replace("feedback = \"verdict\"", "max_slots = 65\nmax_side = 32")
@@ -275,7 +266,6 @@ async fn faults_of_all_phases_are_reported() {
 
 #[tokio::test]
 async fn summary_groups_changes_by_phase() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     let summary = hall.plan(FILE).await.expect("a good file").summary(SummaryStyle::default());
     let expected = [
@@ -301,7 +291,6 @@ async fn summary_groups_changes_by_phase() {
 
 #[tokio::test]
 async fn hidden_phase_with_public_missions_is_refused() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.make("twin", 6, 3).await;
     for public in ["hidden", "twin"] {
@@ -320,7 +309,6 @@ async fn hidden_phase_with_public_missions_is_refused() {
 
 #[tokio::test]
 async fn closed_phase_shares_missions_with_public() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let published = single("published", "hidden", "public");
@@ -332,7 +320,6 @@ async fn closed_phase_shares_missions_with_public() {
 
 #[tokio::test]
 async fn published_secret_refuses_hidden_phases() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let late = single("late", "hidden", "team");
@@ -358,7 +345,6 @@ async fn published_secret_refuses_hidden_phases() {
 
 #[tokio::test]
 async fn old_overlap_is_only_a_warning() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let finals = hall.store.phase("finals").await.expect("the phase");
@@ -376,7 +362,6 @@ async fn old_overlap_is_only_a_warning() {
 
 #[tokio::test]
 async fn published_replays_keep_the_episode_order() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
@@ -394,7 +379,6 @@ async fn published_replays_keep_the_episode_order() {
 
 #[tokio::test]
 async fn opened_hidden_phase_draws_the_order() {
-    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.make("many", 7, 8).await;
     let public = NewPhase::public("many", "many");

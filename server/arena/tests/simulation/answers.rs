@@ -1,10 +1,8 @@
 //! Answers of the server: frames, statuses and answers to unary calls, compared with everything known before.
 
 use crate::{
-    agent::{Agent, reason},
-    calls::{Answer, Subject},
-    model::RunFacts,
-    server::Life,
+    agent::{Agent, RunFacts, reason},
+    server::{Answer, Life, Subject},
     world::World,
 };
 use avln_proto::v1::{self, Reason, play_response::Frame as Down};

@@ -2,9 +2,8 @@
 
 use crate::{
     agent::{Agent, Connection, sensors},
-    calls::{Answer, Subject},
     database::FRAGILE_STATEMENTS,
-    server::{Life, authorised},
+    server::{Answer, Life, Subject, authorised},
     setting::{PHASES, SLOTS, TEAMS, pick},
     world::{Ending, World},
 };

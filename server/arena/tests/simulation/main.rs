@@ -6,19 +6,13 @@
 
 mod agent;
 mod answers;
-mod calls;
 mod database;
-mod faults;
 mod generator;
 mod host;
 mod ledger;
-mod model;
-mod organiser;
 mod proof;
-mod properties;
 mod server;
 mod setting;
-mod trace;
 mod world;
 
 use std::{

@@ -1,24 +1,24 @@
-//! A life of the simulated server: from its start to a crash or an orderly stop.
+//! A life of the simulated server: from its start to a crash or an orderly stop; unary calls to it.
 
 use crate::{
     database::Database,
-    faults::Faults,
-    host::{Border, Issued, SimulatedHost},
+    host::{Border, Faults, Issued, SimulatedHost},
     setting::Place,
 };
 use avln_arena::{Arena, PreparedScenes, clock::Clock, servers::Limits};
 use avln_grpc::{Control, LocalServer};
-use avln_proto::v1::{play_service_client::PlayServiceClient, run_service_client::RunServiceClient};
+use avln_proto::v1::{self, play_service_client::PlayServiceClient, run_service_client::RunServiceClient};
 use avln_store::Store;
 use std::{
+    collections::BTreeMap,
     sync::{
         Arc, OnceLock,
         atomic::{AtomicU32, Ordering},
     },
     time::Duration,
 };
-use tokio::{runtime::Handle, time::timeout};
-use tonic::{Request, service::Routes};
+use tokio::{runtime::Handle, sync::mpsc, time::timeout};
+use tonic::{Request, Response, Status, service::Routes};
 
 /// Largest message from the server, bytes.
 const MESSAGE_BYTES: usize = 16 << 20;
@@ -150,4 +150,85 @@ pub(crate) fn authorised<T>(message: T, token: &str) -> Request<T> {
     let value = format!("Bearer {token}").parse().expect("tokens are plain text");
     request.metadata_mut().insert("authorization", value);
     request
+}
+
+/// Simulated time in which every call has an answer, also if it ends a session first.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// A call's subject.
+#[derive(Clone, Debug)]
+pub(crate) enum Subject {
+    Start {
+        team: usize,
+        phase: usize,
+        request_id: String,
+    },
+    /// Index of the agent.
+    Reset(usize),
+    Step(usize),
+    End(usize),
+    Look,
+}
+
+/// An answer.
+pub(crate) enum Answer {
+    Start(v1::StartRunResponse),
+    Reset(v1::ResetResponse),
+    Step(v1::StepResponse),
+    End(v1::EndResponse),
+    Nothing,
+}
+
+type Answered = (u64, Result<Answer, Status>);
+
+/// Unary calls in progress: each runs in a task, because it may wait for the end of a session.
+pub(crate) struct Calls {
+    next: u64,
+    open: BTreeMap<u64, (Subject, Duration)>,
+    answered: mpsc::UnboundedReceiver<Answered>,
+    answers: mpsc::UnboundedSender<Answered>,
+}
+
+impl Default for Calls {
+    fn default() -> Self {
+        let (answers, answered) = mpsc::unbounded_channel();
+        Self { next: 0, open: BTreeMap::new(), answered, answers }
+    }
+}
+
+impl Calls {
+    /// Begins a call.
+    pub(crate) fn begin<T: Send + 'static>(
+        &mut self,
+        subject: Subject,
+        age: Duration,
+        call: impl Future<Output = Result<Response<T>, Status>> + Send + 'static,
+        answer: impl FnOnce(T) -> Answer + Send + 'static,
+    ) {
+        self.next += 1;
+        let (number, answers) = (self.next, self.answers.clone());
+        self.open.insert(number, (subject, age));
+        tokio::spawn(async move {
+            let answered = call.await.map(|response| answer(response.into_inner()));
+            let _ = answers.send((number, answered));
+        });
+    }
+
+    /// Returns the next answer.
+    pub(crate) fn next(&mut self) -> Option<(Subject, Result<Answer, Status>)> {
+        let (number, answer) = self.answered.try_recv().ok()?;
+        self.open.remove(&number).map(|(subject, _)| (subject, answer))
+    }
+
+    /// Fails if a call has no answer for too long.
+    pub(crate) fn check_answers(&self, age: Duration) -> Result<(), String> {
+        match self.open.values().find(|(_, since)| age.saturating_sub(*since) > PATIENCE) {
+            Some((subject, since)) => Err(format!("{subject:?} has no answer since {since:?}")),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.open.len()
+    }
 }

@@ -1,19 +1,26 @@
-//! A simulated world: servers in succession on one data folder, the agents, and everything known about their runs.
+//! A simulated world: servers in succession on one data folder, the agents, the organiser, everything known about their runs, and
+//! a trace of all events.
 
 use crate::{
-    agent::Agent,
-    calls::Calls,
+    agent::{Agent, RunFacts},
     database::Rows,
     ledger::Ledger,
-    model::RunFacts,
-    server::{Estate, Life, Remains},
-    setting::{Place, START_UNIX_MS, Setting, TEAMS},
-    trace::Trace,
+    server::{Calls, Estate, Life, Remains},
+    setting::{PHASES, Place, START_UNIX_MS, Setting, TEAMS, pick},
 };
-use avln_arena::clock::Clock;
+use avln_arena::{
+    actions::{Attribution, reschedule},
+    clock::Clock,
+};
 use avln_geom::Rng;
 use avln_proto::v1::{self, Reason};
-use std::{sync::Arc, time::Duration};
+use avln_store::{AuditNote, NewGrant, Schedule};
+use std::{
+    collections::VecDeque,
+    fmt::{self, Display, Write},
+    sync::Arc,
+    time::Duration,
+};
 use tokio::runtime::{Builder, Runtime};
 use tonic::{Status, Streaming};
 
@@ -86,7 +93,7 @@ impl World {
             issued: Arc::default(),
             runs: Arc::default(),
         };
-        let unrest = *crate::setting::pick(&mut random, &[0.0, 1.0, 1.0, 2.0]);
+        let unrest = *pick(&mut random, &[0.0, 1.0, 1.0, 2.0]);
         Self {
             random,
             setting,
@@ -137,7 +144,7 @@ impl World {
 
     /// Lets time pass without a server.
     fn pass_downtime(&mut self) {
-        let downtime_s = *crate::setting::pick(&mut self.random, &[0, 2, 30, 200]);
+        let downtime_s = *pick(&mut self.random, &[0, 2, 30, 200]);
         self.times.age += Duration::from_secs(downtime_s);
         self.times.gained += Duration::from_secs(12) + self.estate.limits.overdue_interval;
         self.times.lives += 1;
@@ -152,7 +159,7 @@ impl World {
     /// Sets the wall clock forwards or back.
     pub(crate) fn set_clock(&mut self, age: Duration) {
         const MINUTE_MS: i64 = 60_000;
-        let by_min = *crate::setting::pick(&mut self.random, &[1_i64, 61, 600, 1440, 3 * 1440]);
+        let by_min = *pick(&mut self.random, &[1_i64, 61, 600, 1440, 3 * 1440]);
         let by_ms = if self.random.chance(0.5) { by_min * MINUTE_MS } else { -by_min * MINUTE_MS };
         self.estate.clock.set_by(by_ms);
         if by_ms < 0 {
@@ -265,4 +272,92 @@ impl World {
 /// A runtime with real threads for the arena.
 fn threads() -> Runtime {
     Builder::new_multi_thread().worker_threads(1).enable_all().build().expect("a runtime")
+}
+
+impl World {
+    /// Cancels a run as pages do, beside the gRPC server.
+    pub(crate) fn cancel_outside(&mut self, life: &Life) {
+        let Some(run) = self.recent_run() else { return };
+        let run = self.runs[run].id.clone();
+        self.trace.add(life.age(), format_args!("the organiser cancels {run}"));
+        let now_unix_ms = self.estate.clock.now_unix_ms();
+        if life.border().cross(life.store.cancel_run(&run, now_unix_ms)).is_ok() {
+            life.control().leave(&run);
+        }
+    }
+
+    /// Closes, pauses or opens a phase.
+    pub(crate) fn reschedule(&mut self, life: &Life, phase: usize, choice: usize) {
+        let phase = PHASES[phase];
+        self.trace.add(life.age(), format_args!("change {choice} of phase {phase}"));
+        let by = Attribution { actor: "organiser", reason: "" };
+        let changed = reschedule(&life.store, phase, by, |schedule| match choice {
+            0 => schedule.closed = true,
+            1 => schedule.paused = Some("a pause".to_owned()),
+            5 => *schedule = Schedule::default(),
+            _ => (schedule.closed, schedule.paused) = (false, None),
+        });
+        life.border().cross(changed).expect("a change of the phase");
+    }
+
+    pub(crate) fn grant(&mut self, life: &Life, team: usize, phase: usize, runs: u32) {
+        let (team, phase) = (TEAMS[team], PHASES[phase]);
+        self.trace.add(life.age(), format_args!("{runs} more runs for {team} in {phase}"));
+        let grant = NewGrant { phase, team, runs, reason: "" };
+        let granted = life.store.grant(&grant, AuditNote::default(), self.estate.clock.now_unix_ms());
+        life.border().cross(granted).expect("granted runs");
+    }
+
+    pub(crate) fn drain(&mut self, life: &Life) {
+        self.trace.add(life.age(), "drain");
+        let drained = life.arena().drain("maintenance", Duration::from_secs(60));
+        // A failing database refuses it.
+        if life.border().cross(drained).is_err() {
+            return;
+        }
+        self.times.drained.get_or_insert(life.age());
+    }
+}
+
+/// Events shown after a failure.
+const SHOWN: usize = 50;
+/// Environment variable that prints all events.
+const PRINT: &str = "AVLN_SIMULATION_TRACE";
+
+/// The events of a simulation.
+pub(crate) struct Trace {
+    hasher: blake3::Hasher,
+    last: VecDeque<String>,
+    prints: bool,
+}
+
+impl Default for Trace {
+    fn default() -> Self {
+        let prints = std::env::var_os(PRINT).is_some();
+        Self { hasher: blake3::Hasher::new(), last: VecDeque::new(), prints }
+    }
+}
+
+impl Trace {
+    pub(crate) fn add(&mut self, age: Duration, event: impl Display) {
+        let mut line =
+            if self.last.len() < SHOWN { String::new() } else { self.last.pop_front().unwrap_or_default() };
+        line.clear();
+        let _ = write!(line, "{:>10.3} s  {event}", age.as_secs_f64());
+        self.hasher.update(line.as_bytes()).update(b"\n");
+        if self.prints {
+            println!("{line}");
+        }
+        self.last.push_back(line);
+    }
+
+    pub(crate) fn digest(&self) -> String {
+        self.hasher.finalize().to_hex()[..16].to_owned()
+    }
+}
+
+impl Display for Trace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.last.iter().try_for_each(|line| writeln!(f, "{line}"))
+    }
 }

@@ -1,6 +1,6 @@
 //! Phases, admission of teams, accounts and visibility.
 
-use crate::{sampling::CommitmentValues, word::words};
+use crate::{sampling::CommitmentValues, words};
 use avln_episode::{FeedbackRule, Order, Sensors, TimeLimits};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -4,7 +4,7 @@ use crate::{
     calendar,
     phase::Schedule,
     run::{Charge, RunUse},
-    word::words,
+    words,
 };
 use serde::{Deserialize, Serialize};
 

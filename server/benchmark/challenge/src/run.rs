@@ -1,6 +1,6 @@
 //! Runs, episodes, methods, rulings and charges.
 
-use crate::word::words;
+use crate::words;
 use avln_episode::{EndReason, Order};
 use serde::{Deserialize, Serialize};
 

@@ -1,16 +1,22 @@
 //! Seconds per stage for a scene in the recipe `paper` on a single core, against half an hour on two cores for the whole
-//! recipe: `cargo bench -p avln-dataset --bench build`.
+//! recipe, and the results of surveys: `cargo bench -p avln-dataset --bench build`.
+//!
+//! `-- words` also prints the sentences for the first surveyed house.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_dataset::{
-    Recipe, SceneChoice, SceneSource, SceneSpec, format::write_scene, sample_missions, survey,
+    Instance, Recipe, SceneChoice, SceneSource, SceneSpec, format::write_scene, sample_missions, survey,
 };
-use avln_houses::Pool;
+use avln_episode::Rules;
+use avln_houses::{HouseOptions, Pool, house};
+use avln_scene::{Scene, categories};
 use avln_world::{Body, SceneAssets};
 use std::time::Instant;
 
 const HOUSES: u64 = 8;
+/// Houses whose survey is reported.
+const SURVEYED: u64 = 3;
 /// Half an hour on two cores, seconds.
 const LIMIT_S: f64 = 2.0 * 1800.0;
 const STAGES: [&str; 5] = ["house", "prepare", "survey", "missions", "files"];
@@ -30,6 +36,7 @@ fn main() {
     let all = sums.iter().sum::<f64>() / HOUSES as f64;
     let share = all * scenes as f64 / LIMIT_S;
     println!("{:>10} {all:7.3} s a scene: {share:.2} of the limit for {scenes} scenes", "all");
+    report_surveys();
 }
 
 /// Builds a training scene; returns seconds per stage.
@@ -42,8 +49,7 @@ fn build(recipe: &Recipe, seed: u64) -> [f64; STAGES.len()] {
     let source = SceneSource::Procedural { seed, rooms, storeys, pool: Pool::Train };
     let (spec, scene) = SceneSpec::new(&format!("bench-{seed}"), source).expect("a house");
     marks.push(Instant::now());
-    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-    let assets = SceneAssets::prepare(scene, &body).expect("a house can be lived in");
+    let assets = prepare(scene, &rules);
     marks.push(Instant::now());
     let instances = survey(&assets, &rules);
     marks.push(Instant::now());
@@ -63,4 +69,42 @@ fn build(recipe: &Recipe, seed: u64) -> [f64; STAGES.len()] {
         missions.len(),
     );
     std::array::from_fn(|stage| (marks[stage + 1] - marks[stage]).as_secs_f64())
+}
+
+fn prepare(scene: Scene, rules: &Rules) -> SceneAssets {
+    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    SceneAssets::prepare(scene, &body).expect("a house can be lived in")
+}
+
+/// Surveys houses of twelve rooms.
+fn report_surveys() {
+    let words = std::env::args().any(|argument| argument == "words");
+    for seed in 0..SURVEYED {
+        let options = HouseOptions { rooms: 12..=12, ..HouseOptions::default() };
+        let assets = prepare(house("bench", seed, &options), &Rules::paper());
+        let start = Instant::now();
+        let instances = survey(&assets, &Rules::paper());
+        let seconds = start.elapsed().as_secs_f64();
+        report(seed, &assets, &instances, seconds);
+        if words && seed == 0 {
+            instances
+                .iter()
+                .flat_map(|instance| &instance.sentences)
+                .for_each(|sentence| println!("  {}", sentence.text));
+        }
+    }
+}
+
+fn report(seed: u64, assets: &SceneAssets, instances: &[Instance], seconds: f64) {
+    let objects = assets.scene.objects.iter();
+    let targets = objects.filter(|object| categories::is_target(&object.category)).count();
+    let told = instances.iter().filter(|instance| !instance.sentences.is_empty()).count();
+    let shown = instances.iter().filter(|instance| !instance.images.is_empty()).count();
+    let sentences: usize = instances.iter().map(|instance| instance.sentences.len()).sum();
+    println!(
+        "house {seed}: {} objects, {targets} of target categories, {} recognised, {told} told by {sentences} sentences, \
+         {shown} by pictures, in {seconds:.2} s",
+        assets.scene.objects.len(),
+        instances.len(),
+    );
 }

@@ -1,9 +1,10 @@
 //! Building of data sets by recipe.
 
 use crate::{
+    error::DatasetError,
     format::{SceneFacts, SceneLine, write_scene},
     recipe::{Recipe, SceneChoice, SplitRecipe},
-    split::{DatasetError, DrawnScene, SceneSource},
+    split::{DrawnScene, SceneSource},
     stats::Statistics,
     survey::{ThresholdsOnly, Verifier},
 };

@@ -4,20 +4,18 @@
 //! repeated survey looks. parry gives a second opinion on start poses and lines of sight.
 
 mod goals;
-mod solid;
 
 use crate::{
+    error::DatasetError,
     mission::EpisodeSpec,
     recipe::MissionRules,
     reference::reference_steps,
-    split::DatasetError,
-    survey::{Verifier, look::SurveyOptions, look_around, recognised},
+    survey::{SurveyOptions, Verifier, look_around, recognised},
 };
 use avln_episode::Rules;
 use avln_scene::InstanceId;
 use avln_world::{DistanceField, NavMesh, NavPoint, SceneAssets};
-use goals::{GoalCheck, SNAP_M, Seen};
-use solid::Solid;
+use goals::{GoalCheck, SNAP_M, Seen, Solid};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fmt,

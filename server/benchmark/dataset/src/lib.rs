@@ -12,11 +12,11 @@ mod check;
 mod cue;
 mod describe;
 mod distractors;
+mod error;
 pub mod format;
 mod mission;
 mod recipe;
 mod reference;
-mod seed;
 mod split;
 mod stats;
 mod survey;
@@ -25,13 +25,13 @@ pub use build::{BuiltScene, Job, build_scene, build_scene_with};
 pub use check::{Constraint, Depth, Fault, check_recognition, check_scene};
 pub use cue::{Claims, CueSpec, CueView, Description};
 pub use distractors::SceneMissions;
+pub use error::{DatasetError, FormatError};
 pub use format::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SecretFile, SplitLine};
 pub use mission::{
     EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, reference_tours, sample_missions,
 };
-pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
-pub use seed::{Seed, SplitSecret};
-pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
+pub use recipe::{MissionRules, Recipe, SceneChoice, Seed, SplitRecipe, SplitSecret};
+pub use split::{SceneSource, SceneSpec, Split};
 pub use stats::{Lengths, Spread, Statistics, page, summary};
 pub use survey::{
     DetectorView, Instance, Removals, Survey, SurveyOptions, ThresholdsOnly, Verifier, VerifierId,

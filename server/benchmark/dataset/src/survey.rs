@@ -2,19 +2,19 @@
 
 pub(crate) mod look;
 mod place;
-mod removed;
+mod thresholds;
 mod verify;
 
-pub use look::SurveyOptions;
+pub(crate) use place::counts;
 pub use place::target_at;
-pub use removed::Removals;
+pub use thresholds::{Removals, SurveyOptions};
 pub(crate) use verify::recognised;
 pub use verify::{DetectorView, ThresholdsOnly, Verifier, VerifierId};
 
 use crate::{
     cue::{CueView, Description},
     describe::Writer,
-    split::DatasetError,
+    error::DatasetError,
 };
 use avln_episode::Rules;
 use avln_geom::{Point3, Rng};
@@ -22,11 +22,11 @@ use avln_scene::{InstanceId, Object, Scene, categories};
 use avln_truth::Target;
 use avln_world::SceneAssets;
 use look::{Look, Palette, collect_colors};
-use removed::SurveyTest;
 use std::{
     collections::{BTreeMap, BTreeSet},
     ops::RangeInclusive,
 };
+use thresholds::SurveyTest;
 
 /// Potential target, reachable and recognisable from the success region.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,19 +4,17 @@
 //!
 //! This crate never reveals a target's identity, position or category outside its cue or does I/O.
 
-mod limits;
 mod mission;
 mod observation;
 mod options;
 mod rules;
 
 pub use avln_geom::{Point3, Pose};
-pub use limits::TimeLimits;
 pub use mission::{Action, GoalCue, Mission, Modality, Order, RgbImage, UnknownAction, UnknownOrder};
 pub use observation::{
     Encoding, Encodings, EndReason, Feedback, Observation, Sensors, SensorsError, UnknownEndReason,
 };
-pub use options::{DistractorSources, ExtraSubmit, StopClaims, UnknownDistractorSources};
+pub use options::{DistractorSources, ExtraSubmit, StopClaims, TimeLimits, UnknownDistractorSources};
 pub use rules::{
     DepthNoise, DistanceRule, FeedbackRule, HeadRule, PoseFrame, RgbNoise, Rules, SilenceRule, SoundClip,
     SoundingRule, Sounds, UnknownRules, WrongSubmit,

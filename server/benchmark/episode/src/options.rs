@@ -1,4 +1,4 @@
-//! Rule options for claims and distractor sources.
+//! Options of a phase: claims and distractor sources in the rules, and time limits.
 
 use serde::{Deserialize, Serialize};
 
@@ -108,6 +108,31 @@ impl From<DistractorSources> for Spelling {
     }
 }
 
+/// Wall time limits for agents. 0 means unlimited, except for `bank_ms`.
+///
+/// An action beyond `step_ms` uses up the episode's `bank_ms`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimeLimits {
+    /// Free thinking time per action, milliseconds.
+    pub step_ms: u32,
+    /// Extra thinking time per episode, milliseconds.
+    pub bank_ms: u32,
+    /// Longest run, seconds; 0: until the phase ends.
+    pub run_s: u32,
+    /// Longest single disconnection, seconds; 0: lost episodes end at once.
+    pub disconnect_s: u32,
+    /// Longest disconnection per run in total, seconds.
+    pub disconnect_total_s: u32,
+}
+
+impl Default for TimeLimits {
+    /// One minute per action, for first trials; two minutes per disconnection, ten in total.
+    fn default() -> Self {
+        Self { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 120, disconnect_total_s: 600 }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -161,5 +186,12 @@ mod tests {
         assert!(hard.fits_episodes_of(&Rules::paper()) && !hard.fits_episodes_of(&Rules::authors()));
         let text = serde_json::to_string(&hard).expect("JSON");
         assert_eq!(serde_json::from_str::<Rules>(&text).expect("rules"), hard);
+    }
+
+    #[test]
+    fn missing_limits_default_and_unknown_are_rejected() {
+        let limits: TimeLimits = serde_json::from_str(r#"{"step_ms": 5000, "bank_ms": 60000}"#).unwrap();
+        assert_eq!(limits, TimeLimits { step_ms: 5000, bank_ms: 60_000, ..TimeLimits::default() });
+        assert!(serde_json::from_str::<TimeLimits>(r#"{"steps_ms": 5000}"#).is_err());
     }
 }

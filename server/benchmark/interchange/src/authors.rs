@@ -1,8 +1,7 @@
 //! Reader for the LH-AVLN authors' layout: an index, and a file per scene with episodes and instances.
 
 use crate::{
-    foreign::{ForeignCue, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError, Loss},
-    json::Cursor,
+    ForeignCue, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError, Loss, json::Cursor,
 };
 use avln_geom::{Aabb, Point3, Vector3};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! Writer for the LH-AVLN authors' data set layout.
 
-use crate::{foreign::InterchangeError, json::pack};
+use crate::{InterchangeError, json::pack};
 use avln_dataset::{CueSpec, CueView, EpisodeSpec, GoalSpec, PublicGoal, PublicMission};
 use avln_episode::Rules;
 use avln_geom::{Point3, Pose, angle};

@@ -1,11 +1,8 @@
 //! Readers for Habitat layouts: ObjectNav and InstanceImageNav for HM3D, GOAT-Bench, MultiON.
 
 use crate::{
-    foreign::{
-        ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError,
-        Loss,
-    },
-    json::Cursor,
+    ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError,
+    Loss, json::Cursor,
 };
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
 //! Import: finds foreign goals in a scene, and computes success regions and reference tours.
 
-use crate::foreign::{ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, ForeignView, Loss};
+use crate::{ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, ForeignView, Loss};
 use avln_dataset::{
     CueSpec, CueView, Description, EpisodeSpec, GoalSpec, distractors, reference_tours, target_at,
 };

@@ -1,6 +1,6 @@
 //! JSON values with their paths, for errors; gzip.
 
-use crate::foreign::{ForeignEpisode, InterchangeError, scene_name};
+use crate::{ForeignEpisode, InterchangeError, scene_name};
 use avln_geom::{Aabb, Point3, Pose, angle};
 use flate2::{Compression, GzBuilder, read::MultiGzDecoder};
 use serde_json::{Map, Value};

@@ -1,8 +1,8 @@
 //! Export of a split as Parquet tables.
 
 use crate::{
+    InterchangeError,
     authors_export::{ExportedFile, SceneMissions},
-    foreign::InterchangeError,
 };
 use avln_dataset::{CueSpec, CueView, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour};
 use avln_episode::Modality;

@@ -1,50 +1,19 @@
-//! The referee and its errors.
+//! The referee.
 
 use crate::{
+    Audio, RefereeError, StepOutcome,
     rules::{Schedule, SuccessTest, motion_of, noise, padded, scaled, world_options},
-    sounds::{self, TooFewClips},
+    sounds,
 };
 use avln_episode::{
     Action, EndReason, ExtraSubmit, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, PoseFrame,
-    Rules, Sensors, SensorsError, StopClaims, WrongSubmit,
+    Rules, Sensors, StopClaims, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    Bank, Head, InstanceId, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, StartError, World,
-    WorldOptions,
+    Detail, InstanceId, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, World, WorldOptions,
 };
 use std::sync::Arc;
-
-mod training;
-
-/// Error at the start or during an episode.
-#[expect(missing_docs, reason = "the messages explain the fields")]
-#[derive(Debug, thiserror::Error)]
-pub enum RefereeError {
-    /// Action after the episode's end.
-    #[error("the episode ended after {steps} steps ({}); request the next episode", reason.as_str())]
-    Over { reason: EndReason, steps: u32 },
-    /// Different state in a replay.
-    #[error(
-        "step {step} now leads to state {replayed:016x} instead of {recorded:016x}; the scene, the rules or the program changed"
-    )]
-    Diverged { step: u32, recorded: u64, replayed: u64 },
-    /// Sensors outside the limits.
-    #[error(transparent)]
-    Sensors(#[from] SensorsError),
-    /// Different goal counts in mission and truth.
-    #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (the limit is 8)")]
-    Mismatch { episode: String, goals: usize, targets: usize },
-    /// Too few distractor sources in the truth.
-    #[error("episode {episode}: rules '{rules}' need {needed} distractor sources, the truth has {found}")]
-    Distractors { episode: String, rules: String, needed: usize, found: usize },
-    /// Start pose outside the walkable floor.
-    #[error("episode {episode}: {source}")]
-    Start { episode: String, source: StartError },
-    /// Too few clips in the bank.
-    #[error("episode {episode}: {source}")]
-    Sounds { episode: String, source: TooFewClips },
-}
 
 /// Referee for an episode: applies the rules to a world, from the first observation to the sealed record. Every step simulates
 /// motion, images and sound on the calling thread.
@@ -76,31 +45,6 @@ enum GoalState {
     Open,
     Found,
     Skipped,
-}
-
-/// An action's result.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StepOutcome {
-    /// Observation after the action.
-    pub observation: Observation,
-    /// End reason, if the episode has ended.
-    pub end: Option<EndReason>,
-}
-
-/// Audio assets named by the rules: clip bank and head.
-#[derive(Clone, Debug, Default)]
-pub struct Audio {
-    /// Clip bank.
-    pub bank: Bank,
-    /// Listener's head.
-    pub head: Head,
-}
-
-impl From<Bank> for Audio {
-    /// Combines a bank with the spherical head.
-    fn from(bank: Bank) -> Self {
-        Self { bank, head: Head::default() }
-    }
 }
 
 impl Referee {
@@ -472,6 +416,43 @@ impl Referee {
             remaining_steps: self.rules.max_steps.saturating_sub(self.steps()),
             remaining_submits: self.remaining_submits(),
             feedback,
+        }
+    }
+}
+
+/// Additions for training in process. No server uses them.
+impl Referee {
+    /// Adds Submits to those of the rules. For training only: scores of such episodes are not comparable.
+    #[must_use]
+    pub fn with_added_submits(self, added_submits: u32) -> Self {
+        Self { added_submits, ..self }
+    }
+
+    /// Sets the detail of images. For training only: servers send exact images.
+    #[must_use]
+    pub fn with_detail(mut self, detail: Detail) -> Self {
+        self.world.set_detail(detail);
+        self
+    }
+
+    /// Stores the instances in images, for training.
+    #[must_use]
+    pub fn with_instances(self) -> Self {
+        Self { instances: Some(Vec::new()), ..self }
+    }
+
+    /// Returns the instances in the last image, row-major; `None` without [`Self::with_instances`], empty without an image.
+    /// Hidden from agents.
+    pub fn instances(&self) -> Option<&[InstanceId]> {
+        self.instances.as_deref()
+    }
+
+    /// Returns the goal that a Submit or Stop would complete now. Hidden from agents.
+    pub fn completes(&self, action: Action) -> Option<usize> {
+        match action {
+            Action::Submit if self.is_ignored() => None,
+            Action::Submit | Action::Stop => self.matching_goal(action),
+            _ => None,
         }
     }
 }

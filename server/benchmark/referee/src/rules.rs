@@ -50,10 +50,7 @@ impl SuccessTest {
     ) -> Option<f64> {
         match self.rule {
             DistanceRule::CameraToBox | DistanceRule::CameraToMesh => {
-                let (assets, instance) = (world.assets(), InstanceId(target.instance));
-                let to_mesh_m = |eye: &_| assets.distance_to_mesh_m(eye, instance);
-                let sees = |eye: &_, half_view_rad| assets.sees(eye, instance, half_view_rad);
-                target.distance_within_region(&world.pose().position, rules, to_mesh_m, sees)
+                distance_within(world, InstanceId(target.instance), target, rules)
             }
             DistanceRule::BaseToViewpoint => {
                 let distance_m =
@@ -68,24 +65,21 @@ impl SuccessTest {
     /// Measured from the camera under every rule set. Tests all instances, so that the time does not depend on the result.
     pub(crate) fn is_at_distractor(world: &World, target: &Target, rules: &Rules) -> bool {
         let assets = world.assets();
-        let base = world.pose().position;
         let distractors =
             assets.scene.objects.iter().filter(|object| {
                 object.category == target.category && object.id != InstanceId(target.instance)
             });
         distractors.fold(false, |is_there, object| {
-            let to_mesh_m = |eye: &_| assets.distance_to_mesh_m(eye, object.id);
-            let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
             // Its floor is unknown. Anything visible within the radius is on the body's floor.
             let it = Target {
                 bounds: object.bounds,
-                floor_y_m: base.y,
+                floor_y_m: world.pose().position.y,
                 region: Vec::new(),
                 viewpoints: Vec::new(),
                 category: String::new(),
                 ..*target
             };
-            let is_within = it.distance_within_region(&base, rules, to_mesh_m, sees).is_some();
+            let is_within = distance_within(world, object.id, &it, rules).is_some();
             is_there || is_within
         })
     }
@@ -104,6 +98,14 @@ impl SuccessTest {
     pub(crate) fn walk(&self, world: &World, goal: usize) -> Option<Vec<Point3<f32>>> {
         self.to_region.get(goal)?.path(&world.assets().navmesh, &world.standing())
     }
+}
+
+/// Returns the distance to a target with the mesh of `instance`, measured from the camera, if the body is in its success region.
+fn distance_within(world: &World, instance: InstanceId, target: &Target, rules: &Rules) -> Option<f64> {
+    let assets = world.assets();
+    let to_mesh_m = |eye: &_| assets.distance_to_mesh_m(eye, instance);
+    let sees = |eye: &_, half_view_rad| assets.sees(eye, instance, half_view_rad);
+    target.distance_within_region(&world.pose().position, rules, to_mesh_m, sees)
 }
 
 fn in_picture(world: &World, target: &Target, rules: &Rules) -> bool {

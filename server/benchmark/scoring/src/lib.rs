@@ -9,14 +9,12 @@
 
 mod compare;
 mod metrics;
-mod power;
 mod rank;
 mod score;
 
-pub use compare::{Comparison, Difference, compare};
+pub use compare::{Comparison, Difference, common_episodes, compare, smallest_difference};
 pub use metrics::{
     Direction, EpisodeValue, Key, METRICS, Metric, Prominence, SummaryValue, Unit, UnknownKey,
 };
-pub use power::{common_episodes, smallest_difference};
 pub use rank::{Entry, RankedEntry, Standing, best_first, rank};
 pub use score::{EpisodeScore, Estimate, FEW_SCENES, Metrics, Summary, score, summarise};

@@ -72,11 +72,9 @@
 //! ```
 
 mod attachment;
-mod call_pace;
 mod context;
 mod control;
 mod host;
-mod lifecycle;
 mod limits;
 mod outbound;
 mod play_stream;
@@ -89,7 +87,6 @@ mod shared;
 mod sim_pool;
 mod spans;
 mod unary;
-mod unary_client;
 mod watchdog;
 mod wire;
 

@@ -2,10 +2,9 @@
 
 use crate::{
     attachment::{AttachmentEvent, StopReason},
-    context::{RunGuard, ServiceContext},
+    context::{Admission, RunGuard, ServiceContext},
     control::{Drain, unix_ms},
     host::Host,
-    lifecycle::Admission,
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
     refusal::{Failure, FaultSubject, Refusal, Result},

@@ -1,11 +1,10 @@
 //! Session registry: at most one session per run, a bound on all sessions, shared between teams, and their attachments.
 
 use crate::{
-    attachment::{Attachment, AttachmentEvent, Ending, StopReason},
+    attachment::{Attachment, AttachmentEvent, Ending, StopReason, UnaryClient},
     limits::Limits,
     refusal::Refusal,
     shared::Shared,
-    unary_client::UnaryClient,
 };
 use avln_net::fair_share;
 use avln_proto::v1::Reason;

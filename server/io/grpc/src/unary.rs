@@ -1,12 +1,11 @@
 //! Unary calls: a session with a single slot, found by the run token.
 
 use crate::{
-    attachment::StopReason,
+    attachment::{CallTimes, StopReason, UnaryClient},
     context::{RunGuard, ServiceContext, bearer},
     host::{Host, OpenRun},
     refusal::{Failure, Refusal, Result},
     session::{Session, SlotReply, SlotRequest},
-    unary_client::{CallTimes, UnaryClient},
 };
 use avln_challenge::RunState;
 use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};

@@ -8,11 +8,10 @@
 mod accept;
 mod identity;
 mod listener;
-mod places;
-mod share;
 
-pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, ConnectionPermit, Connections};
+pub use accept::{
+    AcceptLimits, AcceptLoop, Closing, Connection, ConnectionPermit, Connections, HeldPlace, Places,
+    fair_share,
+};
 pub use identity::{Identity, TlsError};
 pub use listener::{HandshakeError, Handshaker, Listener, Meter, Metered, Protocol, Stream};
-pub use places::{HeldPlace, Places};
-pub use share::fair_share;

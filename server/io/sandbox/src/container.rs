@@ -1,6 +1,6 @@
 //! Sealed agents in a container: command line of Podman or Docker.
 
-use crate::plan::{MAX_PROCESSES, SandboxPlan, SandboxReport};
+use crate::{MAX_PROCESSES, SandboxPlan, SandboxReport};
 use std::{
     fs,
     path::{Path, PathBuf},

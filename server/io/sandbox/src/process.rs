@@ -1,9 +1,7 @@
 //! The processes of a sandbox: the supervisor, which creates namespaces, and the child, which becomes the agent.
 
 use crate::{
-    group::ControlGroup,
-    plan::{MAX_PROCESSES, SandboxError, SandboxPlan, SandboxReport, max_processes},
-    priority, restrict,
+    MAX_PROCESSES, SandboxError, SandboxPlan, SandboxReport, group::ControlGroup, max_processes, restrict,
 };
 use nix::{
     errno::Errno,
@@ -53,7 +51,7 @@ pub(crate) fn supervise(plan: &Path, program: &Path, child_arguments: &[String])
     let folder = SandboxPlan::read(plan)?.folder;
     // Fails without a group; the child checks and reports that.
     let _ = ControlGroup::join(&folder);
-    priority::lower();
+    restrict::lower_priority();
     let mut child = Command::new(program);
     child.args(child_arguments);
     // A process ID namespace holds only later children, so the child is a further process.
@@ -152,17 +150,17 @@ fn restrict_process(plan: &SandboxPlan, outside: Option<&str>) -> Result<Sandbox
     report.note(NO_PRIVILEGES, set_no_new_privs());
     // A new process starts without the signal, and a change of user clears it.
     let _ = set_pdeathsig(Signal::SIGKILL);
-    let lowest = dropped.and(restrict::limit_priority()).and(priority::check_processor());
-    let first_to_end = priority::check_memory();
+    let lowest = dropped.and(restrict::limit_priority()).and(restrict::check_processor());
+    let first_to_end = restrict::check_memory();
     report.note(LANDLOCK, restrict::landlock(plan));
     refuse_exposure(plan, &report)?;
     check_program(plan)?;
     // Landlock makes these files read-only.
-    let fixed = priority::check_files();
+    let fixed = restrict::check_files();
     // Last, because the filter denies calls of the earlier steps, such as mount and unshare.
     let filtered = restrict::seccomp();
-    report.note(priority::LOWEST, lowest.and(fixed.clone()).and(filtered.clone()));
-    report.note(priority::FIRST_TO_END, first_to_end.and(fixed));
+    report.note(restrict::LOWEST, lowest.and(fixed.clone()).and(filtered.clone()));
+    report.note(restrict::FIRST_TO_END, first_to_end.and(fixed));
     report.note(SECCOMP, filtered);
     Ok(report)
 }

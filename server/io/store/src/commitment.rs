@@ -2,15 +2,14 @@
 //! are published.
 
 use crate::{
-    audit::{AuditNote, add_notes},
+    accounts::{AuditNote, add_notes},
     database::{Store, Transaction},
     error::{Result, StoreError},
-    phases::{Phase, find_phase, has_runs},
+    phases::{PublishedSplits, find_phase, has_runs, read_published},
 };
 use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
 use serde::Serialize;
 use sqlx::{FromRow, types::Json};
-use std::collections::BTreeMap;
 
 /// A phase's commitment.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
@@ -24,25 +23,6 @@ pub struct Commitment {
     /// Secret and recipe of a split without a seed, as in `sealed/seed.json`; published with the values.
     #[schema(value_type = Option<Object>)]
     pub seed: Option<serde_json::Value>,
-}
-
-/// Splits with a published secret: the publishing phase by digest of the split.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PublishedSplits(BTreeMap<String, String>);
-
-impl PublishedSplits {
-    /// Rejects a hidden phase that would accept runs on one of these splits; `digest` is that of the phase's split.
-    pub fn check(&self, phase: &Phase, digest: &str, now_unix_ms: i64) -> Result<()> {
-        let accepts_runs = phase.schedule.state(now_unix_ms) != PhaseState::Closed;
-        match self.0.get(digest) {
-            Some(by) if accepts_runs && phase.is_hidden() => Err(StoreError::SecretPublished {
-                phase: phase.id.clone(),
-                split: phase.split.clone(),
-                by: by.clone(),
-            }),
-            _ => Ok(()),
-        }
-    }
 }
 
 #[derive(FromRow)]
@@ -187,19 +167,6 @@ async fn last_deadline(tx: &mut Transaction<'_>, phase: &str, now_unix_ms: i64) 
 
 pub(crate) async fn read_commitment(tx: &mut Transaction<'_>, phase: &str) -> Result<Option<Commitment>> {
     Ok(read_secret(tx, phase).await?.map(SecretRow::into_commitment))
-}
-
-/// Returns whether the values behind a phase's commitment are published.
-pub(crate) async fn is_revealed(tx: &mut Transaction<'_>, phase: &str) -> Result<bool> {
-    Ok(read_secret(tx, phase).await?.is_some_and(|row| row.revealed_ms.is_some()))
-}
-
-/// Returns the splits with a published secret, each with the first phase that published it.
-pub(crate) async fn read_published(tx: &mut Transaction<'_>) -> Result<PublishedSplits> {
-    let select = "SELECT s.digest, k.phase FROM phase_secrets k JOIN phases p ON p.id = k.phase \
-                  JOIN splits s ON s.name = p.split WHERE k.seed IS NOT NULL ORDER BY k.revealed_ms DESC, k.phase DESC";
-    let rows: Vec<(String, String)> = sqlx::query_as(select).fetch_all(&mut **tx).await?;
-    Ok(PublishedSplits(rows.into_iter().collect()))
 }
 
 /// Returns the key for a phase's draws; `None` without commitment.

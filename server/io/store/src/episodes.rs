@@ -301,9 +301,8 @@ async fn write_facts(tx: &mut Transaction<'_>, result: &EpisodeResult<'_>, ordin
 mod tests {
     use super::*;
     use crate::{
-        catalog::{Scene, SceneMap, Split},
-        phases::Phase,
-        start::NewRun,
+        admission::NewRun,
+        phases::{Phase, Scene, SceneMap, Split},
     };
     use avln_challenge::{GoalText, MethodInfo, PhaseEpisode};
     use avln_episode::{Modality, Order, Rules};

@@ -1,7 +1,7 @@
 //! Stored episode facts, their binary format, and pruning.
 
 use crate::{
-    audit::{AuditNote, add_notes},
+    accounts::{AuditNote, add_notes},
     database::{Store, Transaction},
     error::{Result, StoreError},
 };

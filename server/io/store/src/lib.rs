@@ -10,8 +10,6 @@
 
 mod accounts;
 mod admission;
-mod audit;
-mod catalog;
 mod commitment;
 mod database;
 mod episodes;
@@ -20,34 +18,27 @@ mod facts;
 mod phases;
 mod runs;
 mod scores;
-mod start;
-mod uptime;
 mod views;
 
-pub use accounts::{NewToken, Team, Token, TokenHash, TokenLine, TokenState};
-pub use admission::{Member, NewGrant};
-pub use audit::{AuditLine, AuditNote};
+pub use accounts::{AuditLine, AuditNote, NewToken, Team, Token, TokenHash, TokenLine, TokenState};
+pub use admission::{Member, NewGrant, NewRun, StartedRun};
 pub use avln_challenge::{
     Admission, Charge, CommitmentValues, EpisodeState, GoalText, MethodType, PhaseEpisode, PhaseState, Quota,
     QuotaLimits, QuotaWindow, Reference, Ruling, RunChoice, RunState, Sample, Sampling, Schedule,
     TimeAccount, TokenScope, Visibility, calendar, pool_digest,
 };
-pub use catalog::{Scene, SceneMap, Split};
-pub use commitment::{Commitment, PublishedSplits};
+pub use commitment::Commitment;
 pub use database::{Inventory, KeptRun, SCHEMA_VERSION, Store, copy_database, inspect_database};
 pub use episodes::{AssignedEpisode, EpisodeResult, EpisodeStatus, RecordedResult, RunningEpisode};
 pub use error::{Result, StoreError};
 pub use facts::{Facts, Pruned, ScoredEpisode};
-pub use phases::{Phase, Ranking};
-pub use runs::Run;
+pub use phases::{Phase, PublishedSplits, Ranking, Scene, SceneMap, Split};
+pub use runs::{DowntimeCredit, Run};
 pub use scores::{Rescore, Rescored};
-pub use start::{NewRun, StartedRun};
-pub use uptime::DowntimeCredit;
 pub use views::{
-    Census, Reader, Viewer,
+    Census, GrantLine, Holder, Reader, TeamLine, TeamsView, Viewer,
     episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView},
     leaderboard::{LeaderboardQuery, LeaderboardRow, LeaderboardView, RowFilter},
-    management::{GrantLine, Holder, TeamLine, TeamsView},
     phase::{MissionsView, PhaseView},
     run::{EpisodeLine, GroupView, LogAccess, ModalityView, RunLine, RunView},
     runs::{CompareView, Incomparable, LiveRun, PairView, RunList},

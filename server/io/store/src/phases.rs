@@ -1,8 +1,7 @@
-//! Phases as configured by the organiser.
+//! Phases as configured by the organiser, and the splits and scenes that they use.
 
 use crate::{
-    audit::{AuditNote, add_notes},
-    commitment::{is_revealed, read_published},
+    accounts::{AuditNote, add_notes},
     database::{Store, Transaction, json, word},
     error::{Result, StoreError},
 };
@@ -13,6 +12,7 @@ use avln_episode::{Order, Rules, Sensors, TimeLimits};
 use avln_scoring::Key;
 use serde::{Deserialize, Serialize};
 use sqlx::{FromRow, Row, sqlite::SqliteRow, types::Json};
+use std::collections::BTreeMap;
 
 /// A playable part of the challenge: missions, rules, limits and result visibility.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,6 +165,25 @@ impl FromRow<'_, SqliteRow> for Phase {
 const OPEN: &str = "open";
 const CLOSED: &str = "closed";
 
+/// Splits with a published secret: the publishing phase by digest of the split.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PublishedSplits(BTreeMap<String, String>);
+
+impl PublishedSplits {
+    /// Rejects a hidden phase that would accept runs on one of these splits; `digest` is that of the phase's split.
+    pub fn check(&self, phase: &Phase, digest: &str, now_unix_ms: i64) -> Result<()> {
+        let accepts_runs = phase.schedule.state(now_unix_ms) != PhaseState::Closed;
+        match self.0.get(digest) {
+            Some(by) if accepts_runs && phase.is_hidden() => Err(StoreError::SecretPublished {
+                phase: phase.id.clone(),
+                split: phase.split.clone(),
+                by: by.clone(),
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
 impl Store {
     /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling. Fails if the split or a
     /// scene is unknown, runs or a revealed commitment fix a changed value, a revealed phase would accept runs again, or a
@@ -201,6 +220,20 @@ impl Store {
         let mut tx = self.read.begin().await?;
         has_runs(&mut tx, phase).await
     }
+}
+
+/// Returns the splits with a published secret, each with the first phase that published it.
+pub(crate) async fn read_published(tx: &mut Transaction<'_>) -> Result<PublishedSplits> {
+    let select = "SELECT s.digest, k.phase FROM phase_secrets k JOIN phases p ON p.id = k.phase \
+                  JOIN splits s ON s.name = p.split WHERE k.seed IS NOT NULL ORDER BY k.revealed_ms DESC, k.phase DESC";
+    let rows: Vec<(String, String)> = sqlx::query_as(select).fetch_all(&mut **tx).await?;
+    Ok(PublishedSplits(rows.into_iter().collect()))
+}
+
+/// Returns whether the values behind a phase's commitment are published.
+async fn is_revealed(tx: &mut Transaction<'_>, phase: &str) -> Result<bool> {
+    let select = "SELECT EXISTS (SELECT 1 FROM phase_secrets WHERE phase = $1 AND revealed_ms IS NOT NULL)";
+    Ok(sqlx::query_scalar(select).bind(phase).fetch_one(&mut **tx).await?)
 }
 
 /// Rejects a phase that would accept runs although published secrets show its episodes.
@@ -348,4 +381,92 @@ async fn read_phase_episodes(tx: &mut Transaction<'_>, phase: &str) -> Result<Ve
         sqlx::query_as(select).bind(phase).fetch_all(&mut **tx).await?;
     let episode = |(episode, scene, Json(goals))| PhaseEpisode { episode, scene, goals };
     Ok(rows.into_iter().map(episode).collect())
+}
+
+/// A set of missions.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Split {
+    /// Split name.
+    pub name: String,
+    /// Hash over all episodes.
+    pub digest: String,
+    /// Scene count.
+    pub scenes: u32,
+    /// Episode count.
+    pub episodes: u32,
+}
+
+/// A scene's public part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Scene name.
+    pub name: String,
+    /// Content hash.
+    pub digest: String,
+    /// Floor plan.
+    pub map: SceneMap,
+}
+
+/// A floor plan in the world frame (Y up), metres.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct SceneMap {
+    /// Building minimum corner: x, y, z.
+    pub min: [f32; 3],
+    /// Building maximum corner: x, y, z.
+    pub max: [f32; 3],
+    /// Walkable polygons, each a closed ring of x, y, z.
+    pub polygons: Vec<Vec<[f32; 3]>>,
+}
+
+impl Store {
+    /// Adds a split. A repeated call has no effect. Fails if a split with this name has another digest.
+    pub async fn upsert_split(&self, split: &Split) -> Result<()> {
+        let insert = "INSERT INTO splits (name, digest, scenes, episodes) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
+        sqlx::query(insert)
+            .bind(&split.name)
+            .bind(&split.digest)
+            .bind(split.scenes)
+            .bind(split.episodes)
+            .execute(&self.write)
+            .await?;
+        let select = "SELECT digest FROM splits WHERE name = $1";
+        let stored: String = sqlx::query_scalar(select).bind(&split.name).fetch_one(&self.read).await?;
+        check_digest("split", &split.name, &stored, &split.digest)
+    }
+
+    /// Returns all split names.
+    pub async fn split_names(&self) -> Result<Vec<String>> {
+        Ok(sqlx::query_scalar("SELECT name FROM splits ORDER BY name").fetch_all(&self.read).await?)
+    }
+
+    /// Returns a split's digest; `None` if there is no split with this name.
+    pub async fn split_digest(&self, name: &str) -> Result<Option<String>> {
+        let select = "SELECT digest FROM splits WHERE name = $1";
+        Ok(sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?)
+    }
+
+    /// Adds a scene or replaces the map, never by one without polygons. Fails if a scene with this name has another digest.
+    pub async fn upsert_scene(&self, scene: &Scene) -> Result<()> {
+        let mut tx = self.begin().await?;
+        let select = "SELECT digest FROM scenes WHERE name = $1";
+        let stored: Option<String> =
+            sqlx::query_scalar(select).bind(&scene.name).fetch_optional(&mut *tx).await?;
+        if let Some(stored) = stored {
+            check_digest("scene", &scene.name, &stored, &scene.digest)?;
+        }
+        let upsert = "INSERT INTO scenes (name, digest, map) VALUES ($1, $2, $3) \
+                      ON CONFLICT (name) DO UPDATE SET map = excluded.map WHERE $4";
+        sqlx::query(upsert)
+            .bind(&scene.name)
+            .bind(&scene.digest)
+            .bind(Json(&scene.map))
+            .bind(!scene.map.polygons.is_empty())
+            .execute(&mut *tx)
+            .await?;
+        Ok(tx.commit().await?)
+    }
+}
+
+fn check_digest(what: &'static str, name: &str, stored: &str, given: &str) -> Result<()> {
+    if stored == given { Ok(()) } else { Err(StoreError::Taken { what, name: name.to_owned() }) }
 }

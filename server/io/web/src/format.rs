@@ -1,6 +1,6 @@
 //! Page texts for numbers, times, enums and addresses.
 
-pub(crate) use crate::links::linked_html;
+pub(crate) use crate::documents::linked_html;
 pub(crate) use avln_store::calendar::rfc3339;
 
 use avln_challenge::MethodType;

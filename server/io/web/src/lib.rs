@@ -16,7 +16,6 @@ mod error;
 mod format;
 mod freeze;
 mod leaderboard;
-mod links;
 mod live;
 mod management;
 mod middleware;
@@ -25,17 +24,16 @@ mod plot;
 mod replay;
 mod replay_renderer;
 mod request;
-mod request_id;
 mod server;
 
 pub use api::SignedLogs;
 pub use async_trait::async_trait;
 pub use documents::Documents;
+pub use error::ActionError;
 pub use freeze::{FreezeError, freeze};
 pub use live::{LiveSession, LiveSlot, LiveStatus};
 pub use management::{
-    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
-    TeamCredential,
+    ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential,
 };
 pub use replay_renderer::{
     RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest,

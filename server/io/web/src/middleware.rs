@@ -1,12 +1,11 @@
 //! Middleware for all responses: access log, limits, headers, caching, compression and error bodies.
 
 use crate::{
-    error::RequestError,
+    error::{RequestError, RequestId, add_request_id},
     live::LiveStatus,
     management::{MAX_FORM_BYTES, has_session_cookie},
     pages,
     request::{CONTEXT, Menu, PageContext},
-    request_id::{RequestId, identify},
     server::Streaming,
 };
 use axum::{
@@ -134,7 +133,7 @@ pub(crate) fn with_middleware(router: Router, settings: ResponseSettings) -> Rou
         // For streamed and private bodies, which `cache_and_compress` leaves as they are.
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(is_compressible))
         .layer(access_log)
-        .layer(from_fn(identify))
+        .layer(from_fn(add_request_id))
 }
 
 /// Creates the span of a request. Its level is error, so that every line of a request has the id.

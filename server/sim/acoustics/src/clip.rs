@@ -4,7 +4,6 @@
 //! are equally loud, so that level depends on distance only.
 
 mod families;
-mod mastering;
 mod recording;
 mod synthesis;
 
@@ -12,9 +11,8 @@ pub use recording::RecordingError;
 
 use avln_geom::Rng;
 use families::FAMILIES;
-use mastering::Mastering;
 use std::sync::{Arc, OnceLock};
-use synthesis::CLIP_SAMPLES;
+use synthesis::{CLIP_SAMPLES, Mastering};
 
 /// A seamless sound loop.
 #[derive(Clone, Debug, PartialEq)]
@@ -225,8 +223,8 @@ mod tests {
             let level_db = 10.0 * (mean_square / (0.05 * 0.05)).log10();
             assert!(level_db.abs() < 3.0, "{}: {level_db} dB off", clip.name);
             let loudness_db =
-                10.0 * (mastering::weighted_mean_square(&spectrum(&clip), clip.samples.len())).log10();
-            let wanted_db = 20.0 * f64::from(mastering::LOUDNESS).log10();
+                10.0 * (synthesis::weighted_mean_square(&spectrum(&clip), clip.samples.len())).log10();
+            let wanted_db = 20.0 * f64::from(synthesis::LOUDNESS).log10();
             assert!((loudness_db - wanted_db).abs() < 0.01, "{}: {loudness_db} dB", clip.name);
             let peak = clip.samples.iter().fold(0.0_f32, |peak, sample| peak.max(sample.abs()));
             let crest_db = 10.0 * (peak * peak / mean_square).log10();

@@ -3,7 +3,7 @@
 //! Source: Nash, Koenig and Tovey (2010), "Lazy Theta*", without a goal: cells expand by increasing distance.
 
 use crate::air::Air;
-use crate::cache::{Reader, Writer};
+use crate::building::{Reader, Writer};
 use avln_geom::{Point3, RayMesh};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -4,8 +4,7 @@
 //! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the plane sequences.
 
 use crate::bands::{BANDS, BandLoss, SILENT_DB, air_loss, both};
-use crate::building::Building;
-use crate::cache::{Reader, Writer};
+use crate::building::{Building, Reader, Writer};
 use crate::impulse::Arrival;
 use crate::planes::{Plane, PlaneId};
 use crate::surfaces::{SURFACE_BANDS, Surface};

@@ -3,19 +3,16 @@
 pub(crate) mod cells;
 pub(crate) mod diffuse;
 mod noise;
-pub(crate) mod slices;
 pub(crate) mod tail;
 mod trace;
 
 use crate::SPEED_OF_SOUND_M_S;
 use crate::bands::{BANDS, air_loss};
-use crate::building::Building;
-use crate::cache::{Reader, Writer};
+use crate::building::{Building, Reader, Writer};
 use crate::images::Images;
 use crate::surfaces::SURFACE_BANDS;
 use avln_geom::{Point3, Rng, Vector3};
-use cells::NO_CELL;
-use slices::{CHANNELS, Slice};
+use cells::{CHANNELS, NO_CELL, Slice, middle_s, slice_count};
 use trace::{Tally, trace};
 
 const SALT: u64 = 0x5d0_1a7e;
@@ -39,7 +36,7 @@ impl LateField {
     }
 
     pub(super) fn with_key(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Self {
-        let count = slices::count(building.settings.response_s);
+        let count = slice_count(building.settings.response_s);
         let mut tally = trace(building, outlet, images, key);
         divide_by_volumes(building, &mut tally);
         Self {
@@ -58,7 +55,7 @@ impl LateField {
 
     /// Reads the output of [`LateField::write`]; `None` if it does not fit the building.
     pub(crate) fn read(reader: &mut Reader, building: &Building) -> Option<Self> {
-        let count = slices::count(building.settings.response_s);
+        let count = slice_count(building.settings.response_s);
         let (lost_share, row_of, values) = (reader.words()?, reader.words()?, reader.halves()?);
         let rows = values.len() / (count * CHANNELS).max(1);
         let is_known = |row: &u32| *row == NO_CELL || (*row as usize) < rows;
@@ -86,8 +83,7 @@ impl LateField {
 }
 
 fn air_shares(count: usize) -> Vec<[f32; BANDS]> {
-    let leaves =
-        |bin| air_loss(slices::middle_s(bin) * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0));
+    let leaves = |bin| air_loss(middle_s(bin) * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0));
     (0..count).map(leaves).collect()
 }
 

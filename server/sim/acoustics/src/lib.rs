@@ -9,9 +9,7 @@
 mod air;
 mod bands;
 mod building;
-mod cache;
 mod clip;
-mod convolver;
 mod ears;
 mod geodesic;
 mod head;
@@ -26,8 +24,7 @@ mod surfaces;
 mod transform;
 mod unreflected;
 
-pub use building::Settings;
-pub use cache::{BuildingCache, SoundCache};
+pub use building::{BuildingCache, Settings, SoundCache};
 pub use clip::{Bank, Clip, ClipPool, RecordingError};
 pub use ears::{Ears, Emitter};
 pub use head::{Head, HeadError, MeasuredHead};

@@ -17,7 +17,7 @@ const DIRECT_S: f64 = 0.0025;
 const EARLY_S: f64 = 0.05;
 
 /// Octaves for the direct-to-reverberant ratio: 500, 1000 and 2000 Hz.
-const MIDDLE: Range<usize> = 2..5;
+pub(crate) const MIDDLE: Range<usize> = 2..5;
 
 /// Room measures; `None` without a decay, for a response too short for it, or for a ratio to silence.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,12 +1,11 @@
 //! Sound sources in a building, and their waves at a listener.
 
-use crate::building::{Building, Settings};
-use crate::cache::{BuildingCache, Reader, Writer};
+use crate::building::{Building, BuildingCache, Reader, Settings, Writer};
 use crate::geodesic::{GeodesicField, length_m};
 use crate::head::Head;
 use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse, Listener};
-use crate::late::{LateField, slices::Slice, tail::add_tail};
+use crate::late::{LateField, cells::Slice, tail::add_tail};
 use crate::surfaces::Surfaces;
 use crate::unreflected::UnreflectedWaves;
 use avln_geom::{Point3, RayMesh, Vector3, angle};

@@ -32,8 +32,7 @@ pub(crate) fn import(
         files::malformed(table, reason)
     })?;
     let mut surface = UnlabelledSurfaces::read(&render, report)?;
-    let frame = FileFrame::of(&surface.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
-    frame.apply(&mut surface.mesh);
+    let frame = FileFrame::applied(&mut surface.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
     check_size(&surface.mesh, report).map_err(fail)?;
     let label_of = match beside(table, TABLE, &[SEMANTIC_MESH]) {
         Some(path) => labels_of_faces(&path, &frame, &surface.mesh, report)?,
@@ -59,8 +58,7 @@ fn labels_of_faces(
     let objects = semantic.object_of.ok_or_else(|| {
         files::malformed(path, "its faces have no object_id; regenerate it from the .ids file")
     })?;
-    let number = |&object: &i64| u32::try_from(object).ok().filter(|&id| id <= InstanceId::MAX).unwrap_or(0);
-    let labels: Vec<u32> = objects.iter().map(number).collect();
+    let labels: Vec<u32> = objects.into_iter().map(labels::number_of_face).collect();
     Ok(labels::carried(&semantic.mesh, &labels, render, report))
 }
 
@@ -117,10 +115,7 @@ fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<GibsonObject>> {
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
     for entry in file.objects {
-        let id = u32::try_from(entry.id).ok().filter(|id| (1..=max_id).contains(id)).ok_or_else(|| {
-            format!("an object has number {}, numbers are 1 to {max_id}; renumber the objects", entry.id)
-        })?;
-        refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
+        let id = labels::unique_number(entry.id, 1..=max_id, &mut seen)?;
         if let Some(size) =
             entry.size.and_then(|sizes| sizes.into_iter().find(|size| size.is_nan() || *size < 0.0))
         {

@@ -1,6 +1,6 @@
 //! Scan labels: from a semantic mesh to the render mesh's instances.
 
-use crate::files::{ImportReport, resolve};
+use crate::files::{Checked, ImportReport, refuse_if, resolve};
 use crate::named_model::bounds;
 use crate::{glb, obj, ply};
 use avln_geom::{Aabb, Point3};
@@ -9,6 +9,7 @@ use avln_scene::{
     Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, SceneError, Texture,
 };
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Greatest difference between two meshes' boxes for a building, metres.
@@ -58,6 +59,25 @@ impl ObjectLabel {
         };
         Self { id, category, noun, region: None }
     }
+}
+
+/// Returns the instance number for a number on a face; 0 if it is none.
+pub(crate) fn number_of_face(number: i64) -> u32 {
+    u32::try_from(number).ok().filter(|&id| id <= InstanceId::MAX).unwrap_or(0)
+}
+
+/// Checks an object's number in a table, and adds it to the numbers `seen` before.
+pub(crate) fn unique_number(
+    number: i64,
+    allowed: RangeInclusive<u32>,
+    seen: &mut BTreeSet<u32>,
+) -> Checked<u32> {
+    let id = u32::try_from(number).ok().filter(|id| allowed.contains(id)).ok_or_else(|| {
+        let (least, most) = allowed.into_inner();
+        format!("an object has number {number}, numbers are {least} to {most}; renumber the objects")
+    })?;
+    refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
+    Ok(id)
 }
 
 /// Transfers triangle labels from `semantic` to `render`; warns if the meshes differ in extent.

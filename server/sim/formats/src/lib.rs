@@ -4,7 +4,6 @@
 //!
 //! This crate never depends on missions.
 
-mod basis;
 mod files;
 mod gibson;
 pub mod glb;

@@ -1,14 +1,18 @@
 //! Instances by node: by our own `extras.avln` in exported files, or by name, as `KitchenTable_01_002` is a kitchen table.
 
-use crate::files::Checked;
+use crate::files::{Checked, ImportReport, malformed, scene_name};
+use crate::world_frame::{FileFrame, ImportOptions, UpConvention, check_size};
 use avln_geom::{Aabb, Point3};
 use avln_scene::categories::mpcat40;
 use avln_scene::describe::{Surfaces, is_structure};
 use avln_scene::limits::MAX_WORD_CHARS;
-use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
+use avln_scene::{
+    Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, SceneError, Texture,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 /// Greatest distance between an instance's pieces.
 const PIECE_GAP_M: f32 = 0.05;
@@ -53,6 +57,20 @@ struct FoundInstance<'a> {
     name: &'a str,
     triangles: Vec<u32>,
     bounds: Aabb,
+}
+
+/// Moves the model of the file `path` to the world frame, checks its size, and converts it to a scene.
+pub(crate) fn import_named_model(
+    path: &Path,
+    mut model: Model,
+    options: &ImportOptions,
+    convention: UpConvention,
+    report: &mut ImportReport,
+) -> Result<Scene, SceneError> {
+    FileFrame::applied(&mut model.mesh, options, convention, report);
+    check_size(&model.mesh, report)
+        .and_then(|()| scene_of_named_model(scene_name(path), model))
+        .map_err(|reason| malformed(path, reason))
 }
 
 /// Converts a model to a scene: finds and numbers the instances, and describes those without a description.

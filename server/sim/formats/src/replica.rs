@@ -35,10 +35,10 @@ pub(crate) fn import(
         let reason = "its faces have no object_id; use mesh_semantic.ply of the folder habitat";
         files::malformed(&semantic_path, reason)
     })?;
-    let labels: Vec<u32> = objects.iter().map(|&object| label_number(object)).collect();
+    let labels: Vec<u32> =
+        objects.iter().map(|&object| labels::number_of_face(object.saturating_add(1))).collect();
     let render = render(table, &semantic, report)?;
-    let frame = FileFrame::of(&semantic.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
-    frame.apply(&mut semantic.mesh);
+    let frame = FileFrame::applied(&mut semantic.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
     let (mesh, label_of) = match render {
         Some(mut render) => {
             frame.apply(&mut render.mesh);
@@ -86,11 +86,6 @@ fn name(table: &Path) -> String {
     let folder = scene_folder(table);
     let whole = std::fs::canonicalize(&folder).unwrap_or(folder);
     scene_name(&whole)
-}
-
-fn label_number(object: i64) -> u32 {
-    let number = object.checked_add(1).and_then(|number| u32::try_from(number).ok());
-    number.filter(|&number| number <= InstanceId::MAX).unwrap_or(0)
 }
 
 #[derive(Deserialize)]
@@ -149,10 +144,7 @@ fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<ReplicaObject>> {
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
     for entry in &file.objects {
-        let id = u32::try_from(entry.id).ok().filter(|&id| id <= max_id).ok_or_else(|| {
-            format!("an object has number {}, numbers are 0 to {max_id}; renumber the objects", entry.id)
-        })?;
-        refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
+        let id = labels::unique_number(entry.id, 0..=max_id, &mut seen)?;
         check_box(id, entry)?;
         let listed = || file.id_to_label.get(id as usize).copied();
         let class = entry.class_id.or_else(listed);

@@ -87,6 +87,18 @@ pub(crate) struct FileFrame {
 }
 
 impl FileFrame {
+    /// Moves `mesh` to the world frame, with the transform of [`FileFrame::of`].
+    pub(crate) fn applied(
+        mesh: &mut Mesh,
+        options: &ImportOptions,
+        convention: UpConvention,
+        report: &mut ImportReport,
+    ) -> Self {
+        let frame = Self::of(mesh, options, convention, report);
+        frame.apply(mesh);
+        frame
+    }
+
     pub(crate) fn of(
         mesh: &Mesh,
         options: &ImportOptions,

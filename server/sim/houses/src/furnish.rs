@@ -4,8 +4,6 @@ mod bedroom;
 mod dining;
 mod extras;
 mod living;
-mod tops;
-mod walls;
 
 use super::assembly::{Assembly, Piece};
 use super::furniture::*;

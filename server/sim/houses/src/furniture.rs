@@ -1,22 +1,16 @@
 //! Furniture of procedural houses, by kind. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
 //! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.paint`.
 
-pub(super) mod beds;
-pub(super) mod cabinets;
 pub(super) mod decor;
-pub(super) mod hearths;
+pub(super) mod displays;
+pub(super) mod fixtures;
 pub(super) mod kitchen;
 pub(super) mod lights;
 pub(super) mod openings;
 pub(super) mod parts;
-pub(super) mod pictures;
-pub(super) mod plants;
-pub(super) mod sanitary;
-pub(super) mod screens;
 pub(super) mod seats;
-pub(super) mod shelves;
 pub(super) mod sports;
-pub(super) mod stools;
+pub(super) mod storage;
 pub(super) mod tables;
 pub(super) mod textiles;
 
@@ -218,25 +212,25 @@ mod tests {
         &seats::OFFICE_CHAIR,
         &seats::ARMCHAIR,
         &seats::SOFA,
-        &stools::STOOL,
-        &stools::BAR_STOOL,
-        &stools::FOOTSTOOL,
-        &stools::SEATING,
+        &seats::STOOL,
+        &seats::BAR_STOOL,
+        &seats::FOOTSTOOL,
+        &seats::SEATING,
         &tables::DINING_TABLE,
         &tables::COFFEE_TABLE,
         &tables::SIDE_TABLE,
         &tables::CONSOLE,
         &tables::DESK,
-        &cabinets::WARDROBE,
-        &cabinets::SIDEBOARD,
-        &cabinets::TV_STAND,
-        &cabinets::WALL_CABINET,
-        &cabinets::VANITY,
-        &cabinets::TALL_CABINET,
-        &cabinets::CHEST,
-        &cabinets::NIGHTSTAND,
-        &shelves::BOOKCASE,
-        &shelves::WALL_SHELF,
+        &storage::WARDROBE,
+        &storage::SIDEBOARD,
+        &storage::TV_STAND,
+        &storage::WALL_CABINET,
+        &storage::VANITY,
+        &storage::TALL_CABINET,
+        &storage::CHEST,
+        &storage::NIGHTSTAND,
+        &storage::BOOKCASE,
+        &storage::WALL_SHELF,
         &kitchen::COUNTER,
         &kitchen::ISLAND,
         &kitchen::FRIDGE,
@@ -244,24 +238,24 @@ mod tests {
         &kitchen::SMALL,
         &kitchen::HOOD,
         &kitchen::WASHER,
-        &sanitary::PEDESTAL_SINK,
-        &sanitary::VESSEL_SINK,
-        &sanitary::KITCHEN_SINK,
-        &sanitary::TOILET,
-        &sanitary::BATHTUB,
-        &sanitary::SHOWER,
+        &fixtures::PEDESTAL_SINK,
+        &fixtures::VESSEL_SINK,
+        &fixtures::KITCHEN_SINK,
+        &fixtures::TOILET,
+        &fixtures::BATHTUB,
+        &fixtures::SHOWER,
         &textiles::TOWEL,
         &textiles::TOWEL_PILE,
-        &beds::BED,
-        &beds::CUSHION,
+        &textiles::BED,
+        &textiles::CUSHION,
         &textiles::HANGING,
         &textiles::FOLDED,
-        &plants::FLOOR_PLANT,
-        &plants::SMALL_PLANT,
-        &pictures::PICTURE,
-        &pictures::MIRROR,
-        &pictures::BOARD,
-        &pictures::CLOCK,
+        &decor::FLOOR_PLANT,
+        &decor::SMALL_PLANT,
+        &displays::PICTURE,
+        &displays::MIRROR,
+        &displays::BOARD,
+        &displays::CLOCK,
         &decor::VASE,
         &decor::STATUE,
         &decor::BOOKS,
@@ -272,11 +266,11 @@ mod tests {
         &lights::FLOOR_LAMP,
         &lights::TABLE_LAMP,
         &lights::SCONCE,
-        &screens::TV,
-        &screens::WALL_TV,
-        &screens::MONITOR,
-        &hearths::FIREPLACE,
-        &hearths::RADIATOR,
+        &displays::TV,
+        &displays::WALL_TV,
+        &displays::MONITOR,
+        &fixtures::FIREPLACE,
+        &fixtures::RADIATOR,
         &sports::MACHINE,
         &sports::KIT_PIECE,
         &openings::CURTAIN,
@@ -392,7 +386,7 @@ mod tests {
         for pool in Pool::ALL {
             let mut sampler = StyleSampler::new(Rng::new(3), pool);
             for _ in 0..40 {
-                for kind in [&seats::CHAIR, &seats::SOFA, &beds::CUSHION, &decor::VASE] {
+                for kind in [&seats::CHAIR, &seats::SOFA, &textiles::CUSHION, &decor::VASE] {
                     let style = sampler.style(kind.styles);
                     let (substance, tint) = sampler.look(kind.category, style, kind.substances, kind.colors);
                     let owner = combination_owner(style, substance, tint.word);
@@ -409,11 +403,11 @@ mod tests {
         for (kind, small, large, axis) in [
             (&seats::SOFA, "small", "large", 0),
             (&tables::DESK, "small", "large", 0),
-            (&cabinets::SIDEBOARD, "low", "tall", 1),
+            (&storage::SIDEBOARD, "low", "tall", 1),
             (&decor::VASE, "small", "tall", 1),
-            (&shelves::BOOKCASE, "low", "tall", 1),
-            (&shelves::WALL_SHELF, "short", "long", 0),
-            (&hearths::RADIATOR, "short", "long", 0),
+            (&storage::BOOKCASE, "low", "tall", 1),
+            (&storage::WALL_SHELF, "short", "long", 0),
+            (&fixtures::RADIATOR, "short", "long", 0),
         ] {
             let sized: Vec<(String, f32)> = (0..120)
                 .map(|seed| piece(kind, seed as usize % kind.styles, seed))

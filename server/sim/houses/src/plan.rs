@@ -5,7 +5,6 @@ mod openings;
 mod outline;
 mod programme;
 mod skeleton;
-mod windows;
 
 use super::rect::{Rect, Side, common};
 use avln_geom::Rng;
@@ -201,8 +200,8 @@ impl Plan {
     fn draw_once(rng: &Rng, count: usize, storeys: usize) -> Self {
         let rooms = layout::lay_out(&rng.fork("layout"), count.max(1), storeys);
         let openings = openings::connect(&mut rng.fork("openings"), &rooms);
-        let entrance = windows::entrance(&rooms);
-        let windows = windows::draw(&mut rng.fork("windows"), &rooms, entrance);
+        let entrance = outline::entrance(&rooms);
+        let windows = outline::draw_windows(&mut rng.fork("windows"), &rooms, entrance);
         Self { rooms, openings, windows, entrance }
     }
 

@@ -7,28 +7,22 @@
 //! Meshes have the arena's settings ([`NavMesh::build`]), other settings, by default Habitat's
 //! ([`NavMesh::build_with`]), or come from Habitat files ([`NavMesh::from_detour`]).
 //!
-//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `sight`, `route`, `field`, `habitat`.
+//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `sight`, `field`, `habitat`.
 //!
 //! This crate never depends on missions or sounds, reads a clock, the environment or a file, or iterates in
 //! hash order.
 
-mod corners;
-mod corridor;
 mod detour;
 mod field;
 mod habitat;
-mod islands;
 mod mesh;
 mod plane;
 mod polygons;
 mod raster;
-mod regions;
-mod route;
 mod settings;
 mod sight;
 mod surface;
 mod voxels;
-mod walk;
 
 pub use detour::DetourError;
 pub use field::{CornerWays, DistanceField, Exit, Exits, Outlook, Places};

@@ -1,5 +1,5 @@
-//! Frames per second on one core: `cargo bench -p avln-render --bench frames`; with `-- light` the cost of
-//! baking light in procedural houses, with `-- noise` the cost of sensor noise.
+//! Frames per second on one core, exact and at half a pixel: `cargo bench -p avln-render --bench frames`; with
+//! `-- light` the cost of baking light in procedural houses, with `-- noise` the cost of sensor noise.
 //!
 //! `AVLN_BENCH_SCENE` selects a scene file, `AVLN_BENCH_TRIANGLES` the size of the scan-like scene.
 
@@ -9,7 +9,7 @@ mod dense;
 
 use avln_geom::{Point3, RayMesh, Rng, UnitQuaternion, angle};
 use avln_houses::{HouseOptions, house};
-use avln_render::{Camera, CameraImage, DepthNoise, Noise, Renderer, RgbNoise};
+use avln_render::{Camera, CameraImage, DepthNoise, Detail, Noise, Renderer, RgbNoise};
 use avln_scene::{InstanceId, Scene};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::hint::black_box;
@@ -18,6 +18,7 @@ use std::time::Instant;
 
 const VIEWS: usize = 48;
 const ROUNDS: usize = 9;
+const SIZES: [u32; 4] = [64, 128, 256, 512];
 
 fn main() {
     match std::env::args().find(|word| ["light", "noise"].contains(&word.as_str())).as_deref() {
@@ -52,24 +53,38 @@ fn report(scene: Scene) {
         model.texture_bytes() as f64 / 1e6,
     );
     let cameras = cameras(&scene);
-    for size in [128, 256, 512] {
-        let fps = frames_per_second(&renderer, &cameras, size);
-        println!("  {size} x {size} RGB-D and instances: {fps:.0} frames per second");
+    let start = seconds();
+    black_box(renderer.render_at(&Camera { width: 1, height: 1, ..cameras[0] }, Detail::HalfPixel));
+    println!("  simplified in {:.0} ms", (seconds() - start) * 1e3);
+    for size in SIZES {
+        let [exact, half_pixel] = frames_per_second(&renderer, &cameras, size);
+        println!(
+            "  {size} x {size} RGB-D and instances: {exact:.0} frames per second, {half_pixel:.0} at half a pixel"
+        );
     }
 }
 
-/// The median over several rounds with all cameras.
-fn frames_per_second(renderer: &Renderer, cameras: &[Camera], size: u32) -> f64 {
-    let round = |_| {
+/// Medians over several rounds with all cameras: exact, and at half a pixel. Rounds alternate, so that other load
+/// affects both alike.
+fn frames_per_second(renderer: &Renderer, cameras: &[Camera], size: u32) -> [f64; 2] {
+    // Processor time advances in steps of some milliseconds, so small images need several repetitions.
+    let repetitions = 2 * SIZES[3] / size;
+    let round = |detail: Detail| {
         let start = seconds();
-        for camera in cameras {
-            std::hint::black_box(renderer.render(&Camera { width: size, height: size, ..*camera }));
+        for camera in (0..repetitions).flat_map(|_| cameras) {
+            black_box(renderer.render_at(&Camera { width: size, height: size, ..*camera }, detail));
         }
-        cameras.len() as f64 / (seconds() - start)
+        (cameras.len() * repetitions as usize) as f64 / (seconds() - start)
     };
-    let mut rounds: Vec<f64> = (0..ROUNDS).map(round).collect();
-    rounds.sort_by(f64::total_cmp);
-    rounds[ROUNDS / 2]
+    let mut rounds: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+    for _ in 0..ROUNDS {
+        rounds[0].push(round(Detail::Exact));
+        rounds[1].push(round(Detail::HalfPixel));
+    }
+    rounds.map(|mut rounds| {
+        rounds.sort_by(f64::total_cmp);
+        rounds[ROUNDS / 2]
+    })
 }
 
 /// Processor time of this thread, or elapsed time without a report from the system.

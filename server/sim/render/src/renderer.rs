@@ -2,7 +2,7 @@
 
 use crate::camera::{Camera, CameraImage};
 use crate::light::lit;
-use crate::model::Model;
+use crate::model::{Model, Replacements};
 use crate::raster::{Raster, Scratch};
 use crate::shade::Shader;
 use avln_geom::RayMesh;
@@ -14,10 +14,22 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 pub struct Renderer {
     /// Built for the first image.
     model: OnceLock<Model>,
+    /// Built for the first image with [`Detail::HalfPixel`].
+    replacements: OnceLock<Replacements>,
     /// Source data; empty once the model is built.
     source: Mutex<Option<Source>>,
     /// Memory for reuse.
     idle: Mutex<Vec<Scratch>>,
+}
+
+/// Detail of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Detail {
+    /// All triangles.
+    #[default]
+    Exact,
+    /// Fewer triangles, moved by less than half a pixel.
+    HalfPixel,
 }
 
 /// A persistent model cache.
@@ -78,7 +90,12 @@ impl Renderer {
     }
 
     fn of(source: Source) -> Self {
-        Self { model: OnceLock::new(), source: Mutex::new(Some(source)), idle: Mutex::default() }
+        Self {
+            model: OnceLock::new(),
+            replacements: OnceLock::new(),
+            source: Mutex::new(Some(source)),
+            idle: Mutex::default(),
+        }
     }
 
     /// Returns the render data. The first call builds it and bakes the light.
@@ -97,7 +114,7 @@ impl Renderer {
     /// textures passed to [`Renderer::with_cache`].
     pub fn resident_bytes(&self) -> usize {
         if let Some(model) = self.model.get() {
-            return model.byte_count();
+            return model.byte_count() + self.replacements.get().map_or(0, Replacements::byte_count);
         }
         let source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
         let textures = source.as_ref().and_then(|source| source.textures.as_deref());
@@ -107,11 +124,26 @@ impl Renderer {
     /// Renders an image; the first takes longer, see [`Renderer::model`]. Surfaces are two-sided; texels
     /// below the material's alpha cutoff are holes.
     pub fn render(&self, camera: &Camera) -> CameraImage {
-        self.render_with(camera, Width::Eight)
+        self.draw(camera, None, Width::Eight)
     }
 
     /// Renders with vector instructions of at most this width; the image is equal for all.
     pub fn render_with(&self, camera: &Camera, vectors: Width) -> CameraImage {
+        self.draw(camera, None, vectors)
+    }
+
+    /// Renders with this detail; the first image with [`Detail::HalfPixel`] takes longer.
+    pub fn render_at(&self, camera: &Camera, detail: Detail) -> CameraImage {
+        let replacements = match detail {
+            Detail::Exact => None,
+            Detail::HalfPixel => {
+                Some(self.replacements.get_or_init(|| Replacements::new(&self.model().view())))
+            }
+        };
+        self.draw(camera, replacements, Width::Eight)
+    }
+
+    fn draw(&self, camera: &Camera, replacements: Option<&Replacements>, vectors: Width) -> CameraImage {
         let Camera { width, height, depth_max_m, .. } = *camera;
         let pixels = width as usize * height as usize;
         let mut frame = CameraImage {
@@ -125,7 +157,7 @@ impl Renderer {
         let mut scratch = idle().pop().unwrap_or_default();
         let (view, lens) = (self.model().view(), camera.lens());
         scratch.screen.clear(width as usize, height as usize);
-        run_at(vectors, Raster { view, lens, scratch: &mut scratch });
+        run_at(vectors, Raster { view, replacements, lens, scratch: &mut scratch });
         run_at(vectors, Shader { view, depth_max_m, scratch: &scratch, frame: &mut frame });
         idle().push(scratch);
         frame

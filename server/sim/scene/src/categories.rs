@@ -45,6 +45,11 @@ pub fn mpcat40_number(category: &str) -> Option<u8> {
     (1..).zip(SYNONYMS).find(|(_, (name, _))| *name == category).map(|(number, _)| number)
 }
 
+/// Returns the mpcat40 category with this number, 1 (`wall`) to 40; `None` for other numbers.
+pub fn mpcat40_of_number(number: u32) -> Option<&'static str> {
+    SYNONYMS.get(number.checked_sub(1)? as usize).map(|(category, _)| *category)
+}
+
 /// Returns the everyday noun if it is more specific than the mpcat40 category: `armchair` for `black armchair`, of the category
 /// `chair`. `None` if the category is as specific, or unknown.
 pub fn noun(raw_name: &str) -> Option<&'static str> {

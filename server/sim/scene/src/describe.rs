@@ -3,24 +3,11 @@
 use crate::categories::{mpcat40, noun};
 use crate::colors::{code_of, light_of, name_of};
 use crate::limits::MAX_WORD_CHARS;
-use crate::scene::{Attributes, Material, Mesh, Texture};
+use crate::{Attributes, Material, Mesh, Texture};
 use avln_geom::{Aabb, Point2, Vector3};
 
 /// Structural mpcat40 categories: these surfaces are no objects.
-const STRUCTURE: [&str; 12] = [
-    "void",
-    "wall",
-    "floor",
-    "ceiling",
-    "door",
-    "window",
-    "stairs",
-    "column",
-    "beam",
-    "railing",
-    "misc",
-    "unlabeled",
-];
+const STRUCTURE: &str = "void wall floor ceiling door window stairs column beam railing misc unlabeled";
 
 /// Least height between two storeys' floors, metres.
 const STOREY_STEP_M: f32 = 1.8;
@@ -36,7 +23,7 @@ const LARGE_M3: f32 = 1.5;
 
 /// Returns whether a category is structural.
 pub fn is_structure(category: &str) -> bool {
-    STRUCTURE.contains(&category)
+    STRUCTURE.split(' ').any(|name| name == category)
 }
 
 /// An annotator's meaning.
@@ -234,7 +221,7 @@ mod tests {
             colors: vec![[255; 3]; 3],
             triangles: vec![[0, 1, 2]],
             material_of: vec![0],
-            instance_of: vec![crate::scene::InstanceId::NONE],
+            instance_of: vec![crate::InstanceId::NONE],
         };
         let (materials, textures) = ([material], [texture]);
         let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };

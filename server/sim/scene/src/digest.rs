@@ -1,7 +1,7 @@
 //! Scene content hash, and the canonical order that makes it independent of the layout: the order in an
 //! exported file.
 
-use crate::scene::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Scene, Texture};
+use crate::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Scene, Texture};
 use avln_geom::Aabb;
 use std::collections::BTreeMap;
 
@@ -198,7 +198,7 @@ fn looks(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Object, Region};
+    use crate::{Object, Region};
     use avln_geom::{Point2, Point3};
 
     fn scene() -> Scene {

@@ -1,7 +1,7 @@
 //! Empty test rooms: a floor plan with straight walls, and a height.
 
 use crate::polygon;
-use crate::scene::{InstanceId, Lighting, Material, Mesh, Region, Scene};
+use crate::{InstanceId, Lighting, Material, Mesh, Region, Scene};
 use avln_geom::{Aabb, Point2, Point3};
 use std::ops::RangeInclusive;
 

@@ -1,7 +1,7 @@
 //! Scene counts, and a comparison with Matterport3D.
 
 use crate::digest::digest;
-use crate::scene::{InstanceId, Scene};
+use crate::{InstanceId, Scene};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -4,13 +4,10 @@
 //!
 //! This crate never contains knowledge about scenes or images.
 
-mod widest;
-
 use memmap2::Mmap;
 use std::fs::File;
 use std::io;
 use std::path::Path;
-pub use widest::{Width, Work, run_at};
 
 /// A memory-mapped file, loaded on first access and shared between processes.
 pub struct Mapped(Mmap);
@@ -33,6 +30,52 @@ impl AsRef<[u8]> for Mapped {
     }
 }
 
+/// Lane count of vector instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Width {
+    /// Baseline of the build target.
+    Portable,
+    /// Eight floats (AVX2, x86-64-v3), if the processor supports them.
+    Eight,
+}
+
+/// A computation. All speed-critical functions, including this method, must be `#[inline(always)]`: code that
+/// is called instead of inlined is not compiled for the wider instructions.
+pub trait Work {
+    /// Result type.
+    type Output;
+    /// Computes the result.
+    fn run(self) -> Self::Output;
+}
+
+/// Runs `work` with vector instructions of at most `width`. All widths return equal bits.
+#[inline]
+pub fn run_at<W: Work>(width: Width, work: W) -> W::Output {
+    #[cfg(target_arch = "x86_64")]
+    if width == Width::Eight && has_eight() {
+        // SAFETY: the processor supports all instructions that the function is compiled for.
+        return unsafe { run_eight(work) };
+    }
+    let _ = width;
+    work.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_eight() -> bool {
+    // No cache here: the standard library detects the processor's features once.
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn run_eight<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -46,5 +89,23 @@ mod tests {
         std::fs::remove_file(&path).expect("the file is there");
         assert_eq!(mapped.as_ref(), b"some bytes");
         assert!(Mapped::open(&path).is_err(), "it is gone");
+    }
+
+    struct Sum([f32; 64]);
+
+    impl Work for Sum {
+        type Output = f32;
+
+        #[inline(always)]
+        fn run(self) -> f32 {
+            self.0.iter().map(|value| value * 1.1 + 0.3).sum()
+        }
+    }
+
+    #[test]
+    fn results_are_equal_at_every_width() {
+        let values = std::array::from_fn(|i| (i as f32).sqrt());
+        let portable = run_at(Width::Portable, Sum(values));
+        assert_eq!(run_at(Width::Eight, Sum(values)).to_bits(), portable.to_bits());
     }
 }

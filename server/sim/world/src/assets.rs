@@ -1,12 +1,11 @@
 //! A building's immutable data: scene, navigation mesh, render model, acoustics.
 
-use crate::world::SoundSource;
 use avln_acoustics::{
-    Acoustics, BuildingCache, ClipLevels, Emitter, Head, LevelMeter, Settings, SoundCache, Source,
+    Acoustics, BuildingCache, Clip, ClipLevels, Emitter, Head, LevelMeter, Settings, SoundCache, Source,
 };
 use avln_geom::{Point3, QueryMesh, RayMesh, Rng, Vector3, angle};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
-use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
+use avln_render::{Camera, CameraImage, Detail, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Mesh, Scene};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -15,6 +14,17 @@ use std::sync::{Arc, OnceLock};
 const POINTS: usize = 64;
 // A hit this close to the sampled point counts as the point, metres.
 const TOLERANCE_M: f32 = 0.01;
+
+/// A sound source.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SoundSource {
+    /// Position, world frame.
+    pub position: Point3<f32>,
+    /// Repeated clip.
+    pub clip: Clip,
+    /// Clip position at the episode start, samples.
+    pub offset_samples: usize,
+}
 
 /// A building's immutable data, shared by all episodes.
 pub struct SceneAssets {
@@ -149,6 +159,11 @@ impl SceneAssets {
     /// Renders an image.
     pub fn render(&self, camera: &Camera) -> CameraImage {
         self.renderer.render(camera)
+    }
+
+    /// Renders an image with this detail; the first image below [`Detail::Exact`] simplifies the building.
+    pub fn render_at(&self, camera: &Camera, detail: Detail) -> CameraImage {
+        self.renderer.render_at(camera, detail)
     }
 
     /// Returns the first surface within `reach_m` in a unit direction.

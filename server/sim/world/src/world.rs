@@ -1,10 +1,10 @@
 //! The world of an episode: a body in a building, its motion and senses.
 
-use crate::assets::SceneAssets;
-use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
+use crate::assets::{SceneAssets, SoundSource};
+use avln_acoustics::{Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
-use avln_render::{Camera, CameraImage, Noise};
+use avln_render::{Camera, CameraImage, Detail, Noise};
 use std::sync::Arc;
 
 /// Largest distance between start and navmesh, metres.
@@ -46,17 +46,6 @@ pub struct CameraView {
     pub height: u32,
     /// Horizontal angle of view, radians, in (0, pi).
     pub hfov_rad: f32,
-}
-
-/// A sound source.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SoundSource {
-    /// Position, world frame.
-    pub position: Point3<f32>,
-    /// Repeated clip.
-    pub clip: Clip,
-    /// Clip position at the episode start, samples.
-    pub offset_samples: usize,
 }
 
 /// A body motion.
@@ -113,6 +102,7 @@ pub enum StartError {
 pub struct World {
     assets: Arc<SceneAssets>,
     options: WorldOptions,
+    detail: Detail,
     start_heading_rad: f32,
     /// Degrees turned left since the start, 0 to 359.
     turned_deg: u32,
@@ -139,7 +129,13 @@ impl World {
         })?;
         let ears = options.audio.then(|| ears(&assets, &options, sources));
         let start_heading_rad = start.heading_rad;
-        Ok(Self { assets, options, start_heading_rad, turned_deg: 0, standing, steps: 0, ears })
+        let detail = Detail::Exact;
+        Ok(Self { assets, options, detail, start_heading_rad, turned_deg: 0, standing, steps: 0, ears })
+    }
+
+    /// Sets the detail of the body's images.
+    pub fn set_detail(&mut self, detail: Detail) {
+        self.detail = detail;
     }
 
     /// Moves the body.
@@ -200,7 +196,7 @@ impl World {
     }
 
     fn look(&self, view: CameraView) -> CameraImage {
-        let mut image = self.assets.render(&self.camera(view));
+        let mut image = self.assets.render_at(&self.camera(view), self.detail);
         self.options.noise.apply(&mut image, self.steps, self.options.depth_max_m);
         image
     }

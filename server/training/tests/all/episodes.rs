@@ -1,10 +1,11 @@
-//! Episodes, teachers, states and threads.
+//! Episodes, teachers, rewards, states and threads.
 
 use crate::memory::{OwnRow, audio, env, follow_teacher, small_houses, small_options};
-use avln_episode::Rules;
+use avln_episode::{Action, Order, Rules};
 use avln_scoring::score;
 use avln_training::{
-    AutoReset, CheapSenses, EnvOptions, EpisodeSource, Row, RowSource, TrainingError, VectorEnv,
+    AutoReset, CheapSenses, Env, EnvOptions, EpisodeSource, Goals, ProgressReward, RewardRule, Row,
+    RowSource, SourceOptions, Teacher, TrainingError, VectorEnv,
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,7 +21,7 @@ fn teacher_completes_missions_on_shortest_paths() {
     let (mut complete, mut spl) = (0, 0.0);
     const EPISODES: usize = 24;
     for _ in 0..EPISODES {
-        env.reset(&mut row_of(&mut row)).expect("an episode");
+        env.reset(&mut row.row()).expect("an episode");
         let (flags, rewards) = follow_teacher(&mut env, &mut row);
         let spl_so_far = row.floats(&layout, "spl")[0];
         let (truth, record) = env.take_record().expect("an episode");
@@ -35,21 +36,17 @@ fn teacher_completes_missions_on_shortest_paths() {
     assert!(spl >= 0.85 * complete as f64, "{spl} for {complete}");
 }
 
-fn row_of(row: &mut OwnRow) -> Row<'_> {
-    row.row()
-}
-
 #[test]
 fn restored_states_continue_with_equal_bits() {
     let (mut env, mut other) = (env(0), env(3));
     let layout = env.layout().clone();
     let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
-    env.reset(&mut row_of(&mut row)).expect("an episode");
+    env.reset(&mut row.row()).expect("an episode");
     for action in [0, 0, 1, 0, 2, 3, 0] {
-        env.step(action, &mut row_of(&mut row)).expect("a step");
+        env.step(action, &mut row.row()).expect("a step");
     }
     let state = env.state().expect("an episode");
-    other.restore(&state, &mut row_of(&mut copy)).expect("the same source");
+    other.restore(&state, &mut copy.row()).expect("the same source");
     assert_eq!(row, copy);
     assert_eq!(
         other.state().expect("an episode"),
@@ -57,8 +54,8 @@ fn restored_states_continue_with_equal_bits() {
         "a state is that of its episode, wherever it plays"
     );
     for action in [0, 1, 1, 0, 0, 3] {
-        let flags = env.step(action, &mut row_of(&mut row)).expect("a step");
-        let again = other.step(action, &mut row_of(&mut copy)).expect("a step");
+        let flags = env.step(action, &mut row.row()).expect("a step");
+        let again = other.step(action, &mut copy.row()).expect("a step");
         assert_eq!((flags, &row), (again, &copy));
     }
 }
@@ -67,12 +64,12 @@ fn restored_states_continue_with_equal_bits() {
 fn invalid_steps_are_refused() {
     let mut env = env(0);
     let mut row = OwnRow::new(&env.layout().clone());
-    assert!(matches!(env.step(0, &mut row_of(&mut row)), Err(TrainingError::NotReset(0))));
-    env.reset(&mut row_of(&mut row)).expect("an episode");
-    let error = env.step(5, &mut row_of(&mut row)).expect_err("no such action").to_string();
+    assert!(matches!(env.step(0, &mut row.row()), Err(TrainingError::NotReset(0))));
+    env.reset(&mut row.row()).expect("an episode");
+    let error = env.step(5, &mut row.row()).expect_err("no such action").to_string();
     assert!(error.contains("environment 0") && error.contains("action 5"), "{error}");
-    env.step(4, &mut row_of(&mut row)).expect("the environment still works");
-    let error = env.step(0, &mut row_of(&mut row)).expect_err("the episode is over").to_string();
+    env.step(4, &mut row.row()).expect("the environment still works");
+    let error = env.step(0, &mut row.row()).expect_err("the episode is over").to_string();
     assert!(error.contains("ended after 1 steps"), "{error}");
 }
 
@@ -183,4 +180,116 @@ fn threads_do_not_change_bits() {
         assert!(single[0].0.finals.is_none());
         assert!(single[1].1.contains("terminated: true"));
     }
+}
+
+fn env_with(order: Order, options: EnvOptions) -> Env {
+    let source = SourceOptions { goals: Goals::Fixed(order), ..small_houses(5) };
+    let source = EpisodeSource::open(&source).expect("a source");
+    Env::new(0, source, options, audio()).expect("an environment")
+}
+
+fn exploring() -> EnvOptions {
+    let mut options = EnvOptions { teacher: Teacher::Explore, goal_cues: false, ..small_options() };
+    (options.sensors.rgb, options.sensors.depth, options.sensors.audio) = (false, false, false);
+    options
+}
+
+#[test]
+fn explorer_completes_missions_in_both_orders() {
+    for order in [Order::Ordered, Order::Unordered] {
+        let (mut explore, mut path) = (
+            env_with(order, exploring()),
+            env_with(order, EnvOptions { teacher: Teacher::Path, ..exploring() }),
+        );
+        let layout = explore.layout().clone();
+        let (mut row, mut steps) = (OwnRow::new(&layout), [0, 0]);
+        for episode in 0..5 {
+            for (env, steps) in [&mut explore, &mut path].into_iter().zip(&mut steps) {
+                env.reset(&mut row.row()).expect("an episode");
+                let (flags, _) = follow_teacher(env, &mut row);
+                eprintln!(
+                    "{order:?} {episode} {} {:?}",
+                    row.shorts(&layout, "remaining")[0],
+                    row.floats(&layout, "pose")
+                );
+                assert!(flags.terminated, "{order:?} {episode}");
+                assert_eq!(row.floats(&layout, "success"), [1.0], "{order:?} {episode}");
+                *steps += env.take_record().expect("an episode").1.steps.len();
+            }
+        }
+        assert!(steps[0] > steps[1], "exploration takes longer: {steps:?}");
+        assert!(steps[0] < 5 * 400, "{steps:?}");
+    }
+}
+
+#[test]
+fn explorer_answers_in_restored_states() {
+    let (mut env, mut other) =
+        (env_with(Order::Unordered, exploring()), env_with(Order::Unordered, exploring()));
+    let layout = env.layout().clone();
+    let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
+    env.reset(&mut row.row()).expect("an episode");
+    // A learner that deviates from the teacher.
+    for step in 0..60 {
+        let expert = row.integer(&layout, "expert") as u32;
+        let action = if step % 3 == 0 { 1 } else { expert };
+        if env.step(action, &mut row.row()).expect("a step").is_over() {
+            env.reset(&mut row.row()).expect("an episode");
+        }
+        if step % 20 == 19 {
+            other.restore(&env.state().expect("an episode"), &mut copy.row()).expect("the same source");
+            assert_eq!(row, copy, "{step}");
+        }
+    }
+}
+
+#[test]
+fn right_claims_complete_goals() {
+    for order in [Order::Ordered, Order::Unordered] {
+        let mut env = env_with(order, EnvOptions { teacher: Teacher::Path, ..exploring() });
+        let layout = env.layout().clone();
+        let mut row = OwnRow::new(&layout);
+        for _ in 0..4 {
+            env.reset(&mut row.row()).expect("an episode");
+            loop {
+                let (is_right, action) =
+                    (row.bytes(&layout, "expert_submit")[0] == 1, row.integer(&layout, "expert") as u32);
+                let is_claim = action >= u32::from(Action::Submit.index());
+                assert_eq!(is_right, is_claim);
+                let open: u8 = row.bytes(&layout, "is_open").iter().sum();
+                let flags = env.step(action, &mut row.row()).expect("a step");
+                let now: u8 = row.bytes(&layout, "is_open").iter().sum();
+                assert_eq!(open - now, u8::from(is_right));
+                if flags.is_over() {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn added_submits_are_observed_and_judged() {
+    let mut env = env_with(Order::Ordered, EnvOptions { added_submits: 2, ..exploring() });
+    let layout = env.layout().clone();
+    let mut row = OwnRow::new(&layout);
+    env.reset(&mut row.row()).expect("an episode");
+    let goals = i32::from(row.bytes(&layout, "is_open").iter().sum::<u8>());
+    assert_eq!(row.shorts(&layout, "remaining")[1], goals - 1 + 2);
+    env.step(3, &mut row.row()).expect("a Submit");
+    assert_eq!(row.shorts(&layout, "remaining")[1], goals);
+    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let error = Env::new(0, source, EnvOptions { added_submits: 101, ..small_options() }, audio()).err();
+    assert!(error.expect("refused").to_string().contains("`added_submits` is 101; 0 to 100 are possible"));
+}
+
+#[test]
+fn coefficients_change_the_reward() {
+    let weights = ProgressReward { slack: 0.5, per_m: 0.0, stop: 3.0, ..ProgressReward::AUTHORS };
+    let mut env =
+        env_with(Order::Ordered, EnvOptions { reward: RewardRule::Progress(weights), ..exploring() });
+    let mut row = OwnRow::new(&env.layout().clone());
+    env.reset(&mut row.row()).expect("an episode");
+    assert_eq!(env.step(0, &mut row.row()).expect("a step").reward, 0.5);
+    assert_eq!(env.step(4, &mut row.row()).expect("a Stop").reward, 3.5);
 }

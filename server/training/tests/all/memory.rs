@@ -34,40 +34,32 @@ impl OwnRow {
         Self { values: values.collect(), finals: None }
     }
 
+    fn entry(&self, layout: &Layout, name: &str) -> &Values {
+        &self.values[layout.arrays().iter().position(|spec| spec.name == name).expect("an entry")]
+    }
+
     /// Returns the number of an entry with a single integer.
     pub(crate) fn integer(&self, layout: &Layout, name: &str) -> i64 {
-        let index = layout.arrays().iter().position(|spec| spec.name == name).expect("an entry");
-        match &self.values[index] {
-            Values::I64(values) => values[0],
-            other => panic!("{name} is {other:?}"),
-        }
+        let Values::I64(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values[0]
     }
 
     /// Returns the bytes of an entry.
     pub(crate) fn bytes(&self, layout: &Layout, name: &str) -> Vec<u8> {
-        let index = layout.arrays().iter().position(|spec| spec.name == name).expect("an entry");
-        match &self.values[index] {
-            Values::U8(values) => values.clone(),
-            other => panic!("{name} is {other:?}"),
-        }
+        let Values::U8(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values.clone()
     }
 
     /// Returns the 32-bit integers of an entry.
     pub(crate) fn shorts(&self, layout: &Layout, name: &str) -> Vec<i32> {
-        let index = layout.arrays().iter().position(|spec| spec.name == name).expect("an entry");
-        match &self.values[index] {
-            Values::I32(values) => values.clone(),
-            other => panic!("{name} is {other:?}"),
-        }
+        let Values::I32(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values.clone()
     }
 
     /// Returns the floats of an entry.
     pub(crate) fn floats(&self, layout: &Layout, name: &str) -> Vec<f32> {
-        let index = layout.arrays().iter().position(|spec| spec.name == name).expect("an entry");
-        match &self.values[index] {
-            Values::F32(values) => values.clone(),
-            other => panic!("{name} is {other:?}"),
-        }
+        let Values::F32(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values.clone()
     }
 }
 

@@ -1,8 +1,8 @@
-//! Senses without images and waveforms.
+//! Senses without images and waveforms, images with ids, maps, and parts of pictures.
 
 use crate::memory::{OwnRow, audio, follow_teacher, small_houses, small_options};
 use avln_episode::{Rules, Sensors};
-use avln_training::{CheapSenses, Env, EnvOptions, EpisodeSource, Layout, Row, RowSource};
+use avln_training::{CheapSenses, Detail, Env, EnvOptions, EpisodeSource, Layout, RowSource};
 
 const ALL: CheapSenses = CheapSenses { lidar: true, ears: true, map: true };
 
@@ -17,25 +17,21 @@ fn env(options: EnvOptions, number: u64) -> Env {
     Env::new(number, source, options, audio()).expect("an environment")
 }
 
-fn row_of(row: &mut OwnRow) -> Row<'_> {
-    row.row()
-}
-
 #[test]
 fn restored_states_have_equal_senses() {
     let (mut env, mut other) = (env(options(), 0), env(options(), 2));
     let layout = env.layout().clone();
     let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
-    env.reset(&mut row_of(&mut row)).expect("an episode");
+    env.reset(&mut row.row()).expect("an episode");
     for action in [0, 0, 1, 0, 2, 3, 0] {
-        env.step(action, &mut row_of(&mut row)).expect("a step");
+        env.step(action, &mut row.row()).expect("a step");
     }
     let state = env.state().expect("an episode");
-    other.restore(&state, &mut row_of(&mut copy)).expect("the same source");
+    other.restore(&state, &mut copy.row()).expect("the same source");
     assert_eq!(row, copy);
     for action in [0, 1, 1, 0, 0, 3] {
-        env.step(action, &mut row_of(&mut row)).expect("a step");
-        other.step(action, &mut row_of(&mut copy)).expect("a step");
+        env.step(action, &mut row.row()).expect("a step");
+        other.step(action, &mut copy.row()).expect("a step");
         assert_eq!(row, copy);
     }
 }
@@ -45,9 +41,9 @@ fn lidar_turns_with_the_agent() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
     let mut row = OwnRow::new(&layout);
-    env.reset(&mut row_of(&mut row)).expect("an episode");
+    env.reset(&mut row.row()).expect("an episode");
     let before = row.floats(&layout, "lidar");
-    env.step(1, &mut row_of(&mut row)).expect("a step");
+    env.step(1, &mut row.row()).expect("a step");
     let after = row.floats(&layout, "lidar");
     // A turn of 30 degrees to the left passes six rays.
     assert!((0..72).all(|ray| after[ray] == before[(ray + 6) % 72]), "{before:?} {after:?}");
@@ -60,10 +56,10 @@ fn lidar_agrees_with_the_depth_ahead() {
     let mut env = env(EnvOptions { sensors: seen, ..options() }, 0);
     let layout = env.layout().clone();
     let mut row = OwnRow::new(&layout);
-    env.reset(&mut row_of(&mut row)).expect("an episode");
+    env.reset(&mut row.row()).expect("an episode");
     let mut close = 0;
     for step in 0..24 {
-        env.step(step % 3 % 2, &mut row_of(&mut row)).expect("a step");
+        env.step(step % 3 % 2, &mut row.row()).expect("a step");
         let (lidar, depth) = (row.floats(&layout, "lidar"), row.floats(&layout, "depth"));
         let middle = 32 * 64 + 32;
         let around = [middle, middle - 1, middle - 64, middle - 65].map(|pixel| depth[pixel]);
@@ -77,7 +73,7 @@ fn map_grows_and_never_covers_the_agent() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
     let mut row = OwnRow::new(&layout);
-    env.reset(&mut row_of(&mut row)).expect("an episode");
+    env.reset(&mut row.row()).expect("an episode");
     let known = |row: &OwnRow| row.bytes(&layout, "map").iter().filter(|cell| **cell > 0).count();
     let first = known(&row);
     assert!(first > 10, "{first} cells");
@@ -94,7 +90,7 @@ fn ears_hear_the_sounding_target() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
     let mut row = OwnRow::new(&layout);
-    env.reset(&mut row_of(&mut row)).expect("an episode");
+    env.reset(&mut row.row()).expect("an episode");
     let first = row.floats(&layout, "ears");
     assert_eq!(first.len(), 15);
     assert!(first[..12].iter().all(|db| (0.0..130.0).contains(db)), "{first:?}");
@@ -109,7 +105,7 @@ fn ears_are_zero_after_the_last_target() {
     let mut row = OwnRow::new(&layout);
     let mut silent = false;
     for _ in 0..4 {
-        env.reset(&mut row_of(&mut row)).expect("an episode");
+        env.reset(&mut row.row()).expect("an episode");
         follow_teacher(&mut env, &mut row);
         // The tail of the last target still rings in the last step.
         silent |= row.integer(&layout, "sounding") == -1 && row.floats(&layout, "ears")[12..] == [0.0; 3];
@@ -123,11 +119,11 @@ fn cheap_senses_do_not_change_the_others() {
     let (mut one, mut other) = (env(plain, 0), env(EnvOptions { cheap: ALL, ..small_options() }, 0));
     let layouts = [one.layout().clone(), other.layout().clone()];
     let (mut row, mut copy) = (OwnRow::new(&layouts[0]), OwnRow::new(&layouts[1]));
-    one.reset(&mut row_of(&mut row)).expect("an episode");
-    other.reset(&mut row_of(&mut copy)).expect("an episode");
+    one.reset(&mut row.row()).expect("an episode");
+    other.reset(&mut copy.row()).expect("an episode");
     for action in [0, 1, 0, 3] {
-        let flags = one.step(action, &mut row_of(&mut row)).expect("a step");
-        assert_eq!(flags, other.step(action, &mut row_of(&mut copy)).expect("a step"));
+        let flags = one.step(action, &mut row.row()).expect("a step");
+        assert_eq!(flags, other.step(action, &mut copy.row()).expect("a step"));
         for (spec, values) in layouts[0].arrays().iter().zip(&row.values) {
             let place = layouts[1].arrays().iter().position(|other| other.name == spec.name);
             assert_eq!(values, &copy.values[place.expect("an entry")], "{}", spec.name);
@@ -145,6 +141,14 @@ fn digests_name_the_definition() {
     assert_ne!(known, digest(&with(CheapSenses { map: false, ..ALL })));
     let far = Rules { depth_max_m: 5.0, ..Rules::paper() };
     assert_ne!(known, digest(&EnvOptions { rules: far, ..options() }));
+    let half_pixel = EnvOptions { detail: Detail::HalfPixel, ..small_options() };
+    assert_ne!(digest(&half_pixel), digest(&small_options()));
+    let blind = EnvOptions {
+        sensors: Sensors { rgb: false, depth: false, ..half_pixel.sensors.clone() },
+        ..half_pixel
+    };
+    let exact = EnvOptions { detail: Detail::Exact, ..blind.clone() };
+    assert_eq!(digest(&blind), digest(&exact), "no images");
 }
 
 #[test]
@@ -155,4 +159,100 @@ fn odd_turns_are_refused_with_rays() {
     assert!(error.expect("refused").to_string().contains("multiple of 5 degrees"));
     let deaf = EnvOptions { rules, cheap: CheapSenses::default(), ..options() };
     assert!(Env::new(0, source(), deaf, audio()).is_ok());
+}
+
+const MAP_SIDE: usize = 512;
+const CELL_M: f32 = 0.1;
+
+fn mapped() -> Env {
+    env(EnvOptions { ids: true, top_down: true, ..small_options() }, 0)
+}
+
+#[test]
+fn ids_show_targets_in_sight() {
+    let mut env = mapped();
+    let layout = env.layout().clone();
+    let mut row = OwnRow::new(&layout);
+    let mut seen = 0;
+    for _ in 0..3 {
+        env.reset(&mut row.row()).expect("an episode");
+        follow_teacher(&mut env, &mut row);
+        let targets = row.shorts(&layout, "target_instance");
+        let goals = env.truth().expect("an episode").targets.len();
+        assert!(
+            targets[..goals].iter().all(|target| *target > 0) && targets[goals..].iter().all(|t| *t == 0)
+        );
+        let (instances, semantic) = (row.shorts(&layout, "instance"), row.bytes(&layout, "semantic"));
+        assert_eq!((instances.len(), semantic.len()), (64 * 64, 64 * 64));
+        let pixels = || instances.iter().zip(&semantic);
+        assert!(pixels().all(|(instance, category)| *instance > 0 || *category == 0));
+        let is_target = |instance: &i32| targets[..goals].contains(instance);
+        seen += usize::from(pixels().any(|(instance, category)| is_target(instance) && *category > 0));
+    }
+    assert!(seen > 0, "no final view shows a target");
+}
+
+#[test]
+fn ids_are_equal_without_other_images() {
+    let rows = [true, false].map(|has_images| {
+        let mut options = EnvOptions { ids: true, ..small_options() };
+        (options.sensors.rgb, options.sensors.depth) = (has_images, false);
+        let mut env = env(options, 0);
+        let layout = env.layout().clone();
+        let mut row = OwnRow::new(&layout);
+        env.reset(&mut row.row()).expect("an episode");
+        env.step(1, &mut row.row()).expect("a step");
+        (row.shorts(&layout, "instance"), row.bytes(&layout, "semantic"))
+    });
+    assert_eq!(rows[0], rows[1]);
+    assert!(rows[0].0.iter().any(|instance| *instance > 0));
+}
+
+#[test]
+fn maps_show_walked_places_as_walkable() {
+    let mut env = mapped();
+    let layout = env.layout().clone();
+    let mut row = OwnRow::new(&layout);
+    env.reset(&mut row.row()).expect("an episode");
+    let map = row.bytes(&layout, "top_down");
+    assert_eq!(map.len(), MAP_SIDE * MAP_SIDE);
+    let count = |kind: u8| map.iter().filter(|cell| **cell == kind).count() as f32 * CELL_M * CELL_M;
+    let (free_m2, obstacle_m2) = (count(1), count(2));
+    assert!(
+        (10.0..300.0).contains(&free_m2) && (5.0..300.0).contains(&obstacle_m2),
+        "{free_m2} {obstacle_m2}"
+    );
+    for action in [0, 0, 1, 0, 0, 2, 2, 0, 0] {
+        env.step(action, &mut row.row()).expect("a step");
+        let pose = row.floats(&layout, "pose");
+        let cell = |along_m: f32| (along_m / CELL_M + 0.5 * MAP_SIDE as f32).floor() as usize;
+        let (column, line) = (cell(pose[0]), cell(pose[2]));
+        // The body may stand on the rim of a cell whose centre is off the floor.
+        let near = (line - 1..=line + 1)
+            .flat_map(|line| (column - 1..=column + 1).map(move |c| line * MAP_SIDE + c));
+        assert!(near.into_iter().any(|index| map[index] == 1), "{pose:?}");
+    }
+}
+
+#[test]
+fn overviews_have_path_and_targets() {
+    let mut env = mapped();
+    assert!(env.overview(64).is_err());
+    let layout = env.layout().clone();
+    let mut row = OwnRow::new(&layout);
+    env.reset(&mut row.row()).expect("an episode");
+    assert!(env.overview(1).is_err());
+    for action in [0, 0, 1, 0] {
+        env.step(action, &mut row.row()).expect("a step");
+    }
+    let overview = env.overview(32).expect("an episode");
+    assert_eq!(
+        (overview.view.len(), overview.map.len()),
+        (32 * 32 * 3, overview.map_side * overview.map_side)
+    );
+    assert_eq!(overview.paths.iter().map(Vec::len).sum::<usize>(), 5);
+    assert_eq!(overview.paths[0].last(), Some(&overview.agent));
+    assert_eq!(overview.targets.len(), env.truth().expect("an episode").targets.len());
+    assert!(overview.targets.iter().all(|target| target.is_open && target.is_here));
+    assert_eq!(overview, env.overview(32).expect("the same state"));
 }

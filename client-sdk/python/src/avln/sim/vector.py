@@ -57,6 +57,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         batch_size: int | None = None,
         size: int | tuple[int, int] = 128,
         senses: Sequence[str] = SENSES,
+        detail: str = "exact",
         curriculum: Curriculum = PAPER,
         scenes: int = 8,
         episodes_per_scene: int = 64,
@@ -79,6 +80,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             batch_size: environments per `recv`; all by default.
             size: image side, or width and height, pixels, 64 to 1024.
             senses: any of `rgb`, `depth` and `audio`, and for training only `lidar`, `ears` and `map`.
+            detail: `exact`, or `half_pixel` for faster images of simplified surfaces, which servers do not have.
             curriculum: limits for missions and houses; by default those of the benchmark.
             scenes: scenes in use at the same time; environments with equal index modulo this number share one.
             episodes_per_scene: episodes of an environment before its next scene.
@@ -101,6 +103,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             "threads": threads,
             "size": size,
             "senses": senses,
+            "detail": detail,
             "curriculum": curriculum,
             "scenes": scenes,
             "episodes_per_scene": episodes_per_scene,

@@ -6,8 +6,8 @@
 use crate::{
     cue::{Claim, Claims, Landmark, Name, Relation},
     describe::{
-        facts::{Facts, SIDES},
         lexicon::{self, may_be_called, room_noun},
+        relate::{Facts, SIDES},
     },
 };
 use avln_geom::{Aabb, Point3};

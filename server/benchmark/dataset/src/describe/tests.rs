@@ -5,9 +5,8 @@ use crate::{
     cue::{Claim, Claims, Landmark, Relation},
     describe::{
         check::{self, Reading},
-        facts::Facts,
         lexicon,
-        relate::Relater,
+        relate::{Facts, Relater},
         unsaid,
         writer::{Sentence, Writer},
     },

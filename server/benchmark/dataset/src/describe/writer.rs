@@ -4,15 +4,11 @@ use crate::{
     cue::{Claim, Claims, Description, Name, Relation},
     describe::{
         check::{self, Reading},
-        facts::Facts,
         lexicon,
         phrase::{SentenceFrame, Words},
-        relate::Relater,
+        relate::{Facts, Relater},
     },
-    survey::{
-        Sighting,
-        look::{Palette, SurveyOptions},
-    },
+    survey::{Sighting, SurveyOptions, look::Palette},
 };
 use avln_geom::Rng;
 use avln_scene::{InstanceId, Object};

@@ -2,12 +2,12 @@
 
 use crate::{
     cue::{CueSpec, Description},
+    error::FormatError,
     format::{
         DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneLine, SealedGoal, SealedMission,
-        SealedTarget, SecretFile, write::digest_of,
+        SealedTarget, SecretFile, digest_of,
     },
     mission::{EpisodeSpec, GoalSpec},
-    split::FormatError,
 };
 use avln_episode::Modality;
 use avln_truth::Target;

@@ -84,14 +84,16 @@ fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
 fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
     let mut around = target.bounds.grown(rules.success_radius_m);
     (around.min.y, around.max.y) = (target.floor_y_m - 1.0, target.floor_y_m + 1.0);
+    let points = island_grid(assets, &around).into_iter().map(|point| point.position());
+    points.filter(|base| counts(assets, rules, target, base)).collect()
+}
+
+/// Returns true if a Submit for the target counts at `base`.
+pub(crate) fn counts(assets: &SceneAssets, rules: &Rules, target: &Target, base: &Point3<f32>) -> bool {
     let instance = InstanceId(target.instance);
     let to_mesh_m = |eye: &Point3<f32>| assets.distance_to_mesh_m(eye, instance);
     let sees = |eye: &Point3<f32>, half_view_rad| assets.sees(eye, instance, half_view_rad);
-    island_grid(assets, &around)
-        .into_iter()
-        .map(|point| point.position())
-        .filter(|base| target.distance_within_region(base, rules, to_mesh_m, sees).is_some())
-        .collect()
+    target.distance_within_region(base, rules, to_mesh_m, sees).is_some()
 }
 
 /// Chooses up to `count` places in all directions from `center`, near and distant in turn.

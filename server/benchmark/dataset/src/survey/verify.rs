@@ -2,11 +2,8 @@
 
 use crate::{
     cue::CueView,
-    split::DatasetError,
-    survey::{
-        Sighting,
-        look::{Look, SurveyOptions},
-    },
+    error::DatasetError,
+    survey::{Sighting, SurveyOptions, look::Look},
 };
 use avln_episode::Rules;
 use avln_geom::Pose;

@@ -1,5 +1,6 @@
-//! Recipes, files, and missions of a built scene.
+//! Recipes, files, and missions of a built scene; mean reference steps of the recipe `paper` in fixed samples of houses.
 
+use crate::recipe;
 use avln_dataset::{
     BuiltScene, CueSpec, DatasetError, EpisodeSpec, FormatError, Job, MissionOptions, Recipe, SceneChoice,
     SceneSource, SecretFile, Split, SplitSecret, Statistics, SurveyOptions, build_scene,
@@ -17,10 +18,7 @@ use std::{collections::BTreeSet, sync::LazyLock};
 
 const FIRST: Job = Job { split: 0, scene: 0 };
 
-static RECIPE: LazyLock<Recipe> = LazyLock::new(|| {
-    let text = Recipe::EMBEDDED.iter().find(|(name, _)| *name == "mini").expect("an embedded recipe").1;
-    Recipe::from_json(text).expect("a recipe")
-});
+static RECIPE: LazyLock<Recipe> = LazyLock::new(|| recipe("mini"));
 static BUILT: LazyLock<BuiltScene> = LazyLock::new(|| build_scene(&RECIPE, FIRST, None).expect("a scene"));
 
 fn read(missions: &[u8], sealed: &[u8]) -> Result<Vec<EpisodeSpec>, FormatError> {
@@ -30,10 +28,6 @@ fn read(missions: &[u8], sealed: &[u8]) -> Result<Vec<EpisodeSpec>, FormatError>
 
 #[test]
 fn embedded_recipes_have_the_size_of_the_paper() {
-    let recipe = |name: &str| {
-        let text = Recipe::EMBEDDED.iter().find(|embedded| embedded.0 == name).expect("embedded").1;
-        Recipe::from_json(text).expect("a recipe")
-    };
     let paper = recipe("paper");
     let missions = |name: &str| {
         let split = paper.splits.iter().find(|split| split.name == name).expect("a split");
@@ -334,4 +328,49 @@ fn secrets_are_required_and_make_other_scenes() {
         let error = read(text.replace(good, bad).as_bytes()).expect_err(bad).to_string();
         assert!(error.starts_with("seed.json"), "{error}");
     }
+}
+
+/// Mean ordered steps in the paper.
+const PAPER_STEPS: f64 = 172.17;
+
+/// Returns the mean ordered steps in the first `houses` of a split, with `missions` per house.
+fn mean_steps(split: &str, houses: usize, missions: usize) -> f64 {
+    let mut recipe = recipe("paper");
+    // This crate contains no detector. Detectors remove few instances, and the wanted steps do not depend on them.
+    recipe.verifier = None;
+    let index = recipe.splits.iter().position(|line| line.name == split).expect("a split");
+    recipe.splits[index].missions_per_scene = missions;
+    let jobs: Vec<Job> = (0..houses).map(|scene| Job { split: index, scene }).collect();
+    let built = std::thread::scope(|scope| {
+        let recipe = &recipe;
+        let build =
+            move |job: &Job| build_scene(recipe, *job, None).expect("a house").statistics.ordered_steps;
+        let handles: Vec<_> = jobs
+            .chunks(jobs.len().div_ceil(2))
+            .map(|part| scope.spawn(move || part.iter().map(build).collect::<Vec<_>>()))
+            .collect();
+        handles.into_iter().flat_map(|handle| handle.join().expect("no panic")).collect::<Vec<_>>()
+    });
+    let (sum, count) =
+        built.iter().fold((0.0, 0), |(sum, count), steps| (sum + steps.sum, count + steps.count));
+    sum / count as f64
+}
+
+fn check_steps(houses: [usize; 3], missions: usize, tolerance: f64) {
+    let splits = ["val", "test", "train"].into_iter().zip(houses);
+    let means: Vec<_> = splits.map(|(split, houses)| (split, mean_steps(split, houses, missions))).collect();
+    let is_near = |mean: f64| (mean / PAPER_STEPS - 1.0).abs() <= tolerance;
+    assert!(means.iter().all(|(_, mean)| is_near(*mean)), "{means:.1?} for {PAPER_STEPS}");
+}
+
+#[test]
+fn steps_are_near_the_papers_mean() {
+    // Houses differ by about 20 steps, so that few houses allow no narrow limit.
+    check_steps([4, 4, 4], 12, 0.1);
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn steps_are_near_the_papers_mean_in_many_houses() {
+    check_steps([11, 18, 40], 50, 0.03);
 }

@@ -5,7 +5,6 @@
 
 mod dataset;
 mod distractors;
-mod steps;
 
 use avln_dataset::{
     BuiltScene, Constraint, CueSpec, CueView, Depth, Description, DetectorView, EpisodeSpec, Fault, Instance,
@@ -29,9 +28,14 @@ use std::{
     },
 };
 
+/// Returns an embedded recipe.
+fn recipe(name: &str) -> Recipe {
+    let embedded = Recipe::EMBEDDED.into_iter().find(|(known, _)| *known == name);
+    Recipe::from_json(embedded.expect("it is embedded").1).expect("a recipe")
+}
+
 fn mini() -> Vec<BuiltScene> {
-    let (_, text) = Recipe::EMBEDDED.into_iter().find(|(name, _)| *name == "mini").expect("it is embedded");
-    let recipe = Recipe::from_json(text).expect("a recipe");
+    let recipe = recipe("mini");
     recipe.jobs().map(|job| build_scene(&recipe, job, None).expect("a scene with missions")).collect()
 }
 
@@ -411,8 +415,7 @@ fn check_finds_unrecognised_targets() {
 
 #[test]
 fn recipe_and_verifier_must_agree() {
-    let (_, text) = Recipe::EMBEDDED[1];
-    let mut recipe = Recipe::from_json(text).expect("a recipe");
+    let mut recipe = recipe("mini");
     let job = recipe.jobs().next().expect("a scene");
     recipe.verifier = Some(VerifierId { name: "network".to_owned(), digest: None });
     let error = build_scene(&recipe, job, None).expect_err("another verifier").to_string();

@@ -1,6 +1,6 @@
 //! Every rule of the task.
 
-use crate::{AHEAD, ASSETS, BACK, blind, episode, go, mission, quick, record, truth};
+use crate::{AHEAD, ASSETS, BACK, blind, episode, go, mission, quick, record, truth, try_play};
 use avln_episode::{
     Action::{self, MoveForward, Stop, Submit, TurnLeft, TurnRight},
     EndReason, Feedback, FeedbackRule, GoalCue, Mission, Modality, Observation, Order, Point3, Pose,
@@ -32,10 +32,8 @@ fn mesh_distances_ignore_empty_space_in_boxes() {
     let mut truth = truth(Order::Unordered);
     truth.targets[0].bounds = truth.targets[0].bounds.grown(1.0);
     let in_region = |rules: Rules| {
-        let mission = mission(Order::Unordered);
-        let mut referee =
-            Referee::new(ASSETS.clone(), mission, truth.clone(), rules, blind(), &Audio::default())
-                .expect("a legal episode");
+        let played = try_play(mission(Order::Unordered), truth.clone(), rules, blind());
+        let mut referee = played.expect("a legal episode");
         go(&mut referee, &[(MoveForward, 12), (Stop, 1)]);
         record(referee).steps.iter().position(|step| step.in_region & 1 == 1).map(|index| index + 1)
     };
@@ -243,9 +241,7 @@ fn impossible_episodes_are_refused_with_a_reason() {
         order: Order::Ordered,
         goals: (0..goals).map(|_| GoalCue::Category("box".to_owned())).collect(),
     };
-    let new = |mission, truth, sensors| {
-        Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), sensors, &Audio::default())
-    };
+    let new = |mission, truth, sensors| try_play(mission, truth, Rules::paper(), sensors);
     assert!(matches!(new(mission(3), truth(), small), Err(RefereeError::Sensors(_))));
     assert!(matches!(
         new(mission(2), truth(), blind()),
@@ -396,11 +392,8 @@ fn every_pool_plays_and_small_banks_are_refused() {
 fn cues_are_not_heard() {
     let told = |goals: Vec<GoalCue>| {
         let mission = avln_episode::Mission { order: Order::Ordered, goals };
-        let truth = truth(Order::Ordered);
-        let mut referee =
-            Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), listening(), &Audio::default())
-                .expect("legal");
-        referee.start().audio
+        let played = try_play(mission, truth(Order::Ordered), Rules::paper(), listening());
+        played.expect("legal").start().audio
     };
     let (short, long) = (GoalCue::Category("box".to_owned()), GoalCue::Description("the red box".to_owned()));
     assert_eq!(told(vec![short; 3]), told(vec![long; 3]));

@@ -105,7 +105,7 @@ impl<H: Host> Session<H> {
             host,
         });
         let ending = Arc::<SessionEnding>::default();
-        let count = open.slot_limit();
+        let count = episodes.iter().map(|held| held.slot + 1).fold(open.slot_limit(), u32::max);
         let mut episodes: Vec<_> = episodes.into_iter().map(Some).collect();
         let mut slots = Vec::new();
         let mut tasks = Vec::new();

@@ -133,16 +133,13 @@ mod tests {
         }
     }
 
+    fn sent(seen: Observation, sensors: &Sensors, rules: &Rules, end: Option<EndReason>) -> v1::Observation {
+        observation(2, "ep_x", seen, ObservationFormat { sensors, rules }, end)
+    }
+
     #[test]
     fn raw_values_arrive_unchanged() {
-        let sensors = Sensors::all(64, 64);
-        let sent = observation(
-            2,
-            "ep_x",
-            sensed(),
-            ObservationFormat { sensors: &sensors, rules: &Rules::paper() },
-            Some(EndReason::StepLimit),
-        );
+        let sent = sent(sensed(), &Sensors::all(64, 64), &Rules::paper(), Some(EndReason::StepLimit));
         let decoded = |tensor: &v1::Tensor| -> Vec<f32> {
             let words = tensor.data.chunks_exact(4);
             words.map(|word| f32::from_le_bytes(word.try_into().unwrap())).collect()
@@ -162,13 +159,7 @@ mod tests {
         let sensors = Sensors { depth: false, ..Sensors::all(64, 64) };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent = observation(
-            0,
-            "e",
-            Observation { depth: None, ..sensed() },
-            ObservationFormat { sensors: &sensors, rules: &rules },
-            None,
-        );
+        let sent = sent(Observation { depth: None, ..sensed() }, &sensors, &rules, None);
         let specs = tensor_specs(&sensors, &rules);
         assert_eq!(specs.len(), sent.tensors.len());
         for (spec, tensor) in specs.iter().zip(&sent.tensors) {
@@ -183,8 +174,7 @@ mod tests {
         sensors.encodings = Encodings { rgb: Encoding::Qoi, depth: Encoding::Packed, audio: Encoding::Int16 };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent =
-            observation(0, "e", sensed(), ObservationFormat { sensors: &sensors, rules: &rules }, None);
+        let sent = sent(sensed(), &sensors, &rules, None);
         for (spec, tensor) in tensor_specs(&sensors, &rules).iter().zip(&sent.tensors) {
             assert_eq!(
                 (spec.encoding, spec.dtype, &spec.shape),
@@ -211,13 +201,7 @@ mod tests {
             ..Sensors::all(64, 64)
         };
         let broken = Observation { rgb: Some(vec![1, 2, 3]), ..sensed() };
-        let sent = observation(
-            0,
-            "e",
-            broken,
-            ObservationFormat { sensors: &sensors, rules: &Rules::paper() },
-            None,
-        );
+        let sent = sent(broken, &sensors, &Rules::paper(), None);
         assert_eq!(
             (sent.tensors[0].encoding(), &sent.tensors[0].data[..]),
             (v1::Encoding::Raw, &[1, 2, 3][..])

@@ -198,6 +198,23 @@ async fn the_next_server_continues_open_episodes() {
 }
 
 #[tokio::test]
+async fn lowered_limit_keeps_slots_of_open_episodes() {
+    let book = Book::default();
+    let plan = |max_slots| Plan { max_slots, ..Plan::timed(3, forgiving()) };
+    let first = TestServer::with_book(plan(2), Limits::default(), book.clone()).await;
+    let mut agent = Agent::enter(&first, 2).await;
+    let (left, right) = (agent.ready(0).await.episode, agent.ready(1).await.episode);
+    soon(first.close()).await.unwrap();
+    let second = TestServer::with_book(plan(1), Limits::default(), book).await;
+    let mut agent = Agent::resume(&second, 2, &[(0, &left, 0), (1, &right, 0)]).await;
+    assert_eq!((agent.welcome.slots, agent.welcome.resumed.len()), (2, 2));
+    let slots = [agent.observation().await.slot, agent.observation().await.slot];
+    assert_eq!(slots, [0, 1]);
+    agent.act(1, &right, 1, STOP).await;
+    assert!(agent.observation().await.terminated);
+}
+
+#[tokio::test]
 async fn an_unknown_episode_cannot_be_resumed() {
     let server = server(1).await;
     let mut agent = Agent::resume(&server, 1, &[(0, "ep_of_another_run", 7)]).await;

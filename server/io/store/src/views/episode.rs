@@ -1,11 +1,10 @@
 //! Episode pages and replays.
 
 use crate::{
-    catalog::SceneMap,
     database::{Transaction, value},
     error::Result,
     facts::{Facts, read_facts},
-    phases::read_heads,
+    phases::{SceneMap, read_heads},
     runs::Run,
     views::{
         Reader, Viewer,

@@ -2,11 +2,10 @@
 
 use crate::{
     admission::read_quotas,
-    catalog::SceneMap,
     commitment::{Commitment, read_commitment},
     database::Transaction,
     error::Result,
-    phases::{PhaseHead, Ranking, read_heads},
+    phases::{PhaseHead, Ranking, SceneMap, read_heads},
     views::{Reader, Viewer},
 };
 use avln_challenge::{GoalText, PhaseState, Quota, QuotaLimits, Visibility};

@@ -1,6 +1,6 @@
 //! Leaderboards, and a search of all pages of each viewer for hidden canary names.
 
-use crate::fixture::{Arena, CATEGORY, EPISODE, Played, SCENES, SENTENCE, TEAM, new_run, note, phase};
+use crate::{Arena, CATEGORY, EPISODE, Played, SCENES, SENTENCE, TEAM, new_run, note, phase};
 use avln_challenge::{MethodInfo, MethodType, Reference, Ruling, RunChoice, TokenScope, Visibility};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::Key;

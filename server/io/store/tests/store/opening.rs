@@ -1,6 +1,6 @@
 //! Database files: opening, migrations and statements; rescoring, pruning, copies and their inspection.
 
-use crate::fixture::{Arena, new_run, phase};
+use crate::{Arena, new_run, phase};
 use avln_challenge::{MethodInfo, Reference, RunChoice, Schedule, Visibility};
 use avln_episode::Order;
 use avln_scoring::{Key, Metrics};
@@ -192,7 +192,7 @@ async fn version_0_1_database_renders_identical_pages() {
     arena.play("run_1", "walker", Order::Unordered, 1).await;
     arena.play("run_2", "walker", Order::Unordered, 0).await;
     arena.play_as("blue", "run_3", "runner", Order::Unordered, 2).await;
-    arena.store.verify_run("run_3", true, crate::fixture::note("verified"), 40).await.expect("a run");
+    arena.store.verify_run("run_3", true, crate::note("verified"), 40).await.expect("a run");
     let path = arena.folder.path().join("old.db");
     create_old(&path, 8).await;
     execute(&path, format!("ATTACH '{}' AS new; {FILL_VERSION_0_1}", arena.path().display())).await;

@@ -1,6 +1,6 @@
 //! Phases, admission, commitments, the audit list, tokens and the start of runs.
 
-use crate::fixture::{Arena, TEAM, new_run, note, phase};
+use crate::{Arena, TEAM, new_run, note, phase};
 use avln_challenge::{
     Admission, CommitmentValues, MethodInfo, MethodType, RunState, Sample, Sampling, Schedule, TokenScope,
     Visibility, pool_digest,

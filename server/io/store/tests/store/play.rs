@@ -1,6 +1,6 @@
 //! Assignment of episodes, results, crashes, deadlines and downtime.
 
-use crate::fixture::{Arena, EPISODE, Played, TEAM, new_run, phase};
+use crate::{Arena, EPISODE, Played, TEAM, new_run, phase};
 use avln_challenge::{EpisodeState, RunState, Schedule};
 use avln_episode::{EndReason, Order, TimeLimits};
 use avln_scoring::score;

@@ -1,6 +1,6 @@
 //! Quotas of teams.
 
-use crate::fixture::{Arena, Played, TEAM, new_run, phase};
+use crate::{Arena, Played, TEAM, new_run, phase};
 use avln_challenge::{Quota, QuotaLimits, QuotaWindow, RunState, calendar::unix_ms};
 use avln_episode::{EndReason, Order};
 use avln_store::{AuditNote, NewGrant, NewRun, Phase, StartedRun, StoreError};

@@ -1,6 +1,6 @@
 //! Pages of open runs, comparisons, missions, quotas and phases; access to logs; numbers for monitoring.
 
-use crate::fixture::{Arena, CATEGORY, SCENES, TEAM, new_run, phase};
+use crate::{Arena, CATEGORY, SCENES, TEAM, new_run, phase};
 use avln_challenge::{Admission, PhaseState, QuotaLimits, Schedule, Visibility};
 use avln_episode::Order;
 use avln_scoring::Key;

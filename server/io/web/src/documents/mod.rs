@@ -2,7 +2,7 @@
 
 mod markdown;
 
-pub(crate) use markdown::brief;
+pub(crate) use markdown::{brief, linked_html};
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -1,26 +1,25 @@
-//! HTML pages and their routes. The pages work without their scripts.
+//! HTML pages and their routes: home, list of leaderboards, errors, instructions and documents here, others in modules. The pages
+//! work without their scripts.
 
-mod docs;
-mod episode;
 mod leaderboard;
-mod organiser;
+mod management;
 mod phase;
 mod runs;
-mod team;
 
 use crate::{
+    documents::{Document, DocumentGroup, Documents, FoundDocument},
     error::{RequestError, Result},
     format,
     leaderboard::LeaderboardParams,
     management::{ActionOutcome, ManagementState, SignedIn},
     replay_renderer,
-    request::{GrpcAddress, NoParameters, PageContext, RequestContext, StrictQuery},
+    request::{DocsQuery, GrpcAddress, NoParameters, PageContext, PathOnly, RequestContext, StrictQuery},
 };
 use askama::Template;
 use avln_scoring::Key;
 use avln_store::{LeaderboardView, PhaseState, PhaseView, Reader};
 use axum::{
-    Router,
+    Extension, Router,
     http::header,
     response::{Html, IntoResponse, Redirect, Response},
     routing::{get, post},
@@ -31,9 +30,9 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub(crate) fn router() -> Router<Reader> {
     Router::new()
         .route("/", get(home))
-        .route("/docs", get(docs::index))
-        .route("/docs/images/{file}", get(docs::chart))
-        .route("/docs/{*document}", get(docs::document))
+        .route("/docs", get(docs))
+        .route("/docs/images/{file}", get(chart))
+        .route("/docs/{*document}", get(document))
         .route("/leaderboard", get(leaderboards))
         .route("/leaderboard/{phase}", get(leaderboard::page))
         .route("/phases/{phase}", get(phase::page))
@@ -43,7 +42,7 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/runs/{run}", get(runs::one))
         .route("/runs/{run}/badge.svg", get(runs::badge))
         .route("/embed/{phase}", get(leaderboard::embedded))
-        .route("/runs/{run}/episodes/{ordinal}", get(episode::page))
+        .route("/runs/{run}/episodes/{ordinal}", get(runs::episode))
         .route("/runs/{run}/episodes/{ordinal}/eyes/{file}", get(replay_renderer::picture))
         .route("/runs/{run}/episodes/{ordinal}/ears/{file}", get(replay_renderer::sound))
         .route("/assets/app.css", get(async || asset("text/css", include_str!("../../assets/app.css"))))
@@ -58,16 +57,16 @@ pub(crate) fn router() -> Router<Reader> {
 
 pub(crate) fn management_router() -> Router<Reader> {
     Router::new()
-        .route("/sign-in", get(team::sign_in_page).post(team::sign_in))
-        .route("/sign-out", post(team::sign_out).get(async || Redirect::to("/sign-in")))
-        .route("/me", get(team::page).post(team::act))
-        .route("/organise", get(organiser::phases))
-        .route("/organise/phases/{phase}", get(organiser::phase).post(organiser::act_on_phase))
-        .route("/organise/teams", get(organiser::teams).post(organiser::act_on_team))
-        .route("/organise/runs", get(organiser::runs))
-        .route("/organise/runs/{run}", get(organiser::run).post(organiser::act_on_run))
-        .route("/organise/audit", get(organiser::audit))
-        .route("/organise/health", get(organiser::health))
+        .route("/sign-in", get(management::sign_in_page).post(management::sign_in))
+        .route("/sign-out", post(management::sign_out).get(async || Redirect::to("/sign-in")))
+        .route("/me", get(management::team).post(management::act_as_team))
+        .route("/organise", get(management::phases))
+        .route("/organise/phases/{phase}", get(management::phase).post(management::act_on_phase))
+        .route("/organise/teams", get(management::teams).post(management::act_on_team))
+        .route("/organise/runs", get(management::runs))
+        .route("/organise/runs/{run}", get(management::run).post(management::act_on_run))
+        .route("/organise/audit", get(management::audit))
+        .route("/organise/health", get(management::health))
 }
 
 fn script(text: &'static str) -> impl IntoResponse {
@@ -217,4 +216,62 @@ async fn leaderboards(context: RequestContext, _: StrictQuery<NoParameters>) -> 
     let phases = context.reader.phases(&context.viewer, context.now_unix_ms).await?;
     let shell = PageShell::new("Leaderboards", SiteSection::Leaderboards);
     render(&LeaderboardIndexPage { shell, phases })
+}
+
+const DOCS_TITLE: &str = "How to take part";
+
+#[derive(Template)]
+#[template(path = "docs.html")]
+struct DocsPage<'a> {
+    shell: PageShell,
+    grpc_address: GrpcAddress,
+    keys: [Key; 10],
+    query: DocsQuery,
+    groups: &'a [DocumentGroup],
+}
+
+#[derive(Template)]
+#[template(path = "docs_search.html")]
+struct DocsSearchPage<'a> {
+    shell: PageShell,
+    query: DocsQuery,
+    results: Vec<FoundDocument<'a>>,
+}
+
+#[derive(Template)]
+#[template(path = "document.html")]
+struct DocumentPage<'a> {
+    shell: PageShell,
+    document: &'a Document,
+}
+
+async fn docs(
+    grpc_address: GrpcAddress,
+    Extension(documents): Extension<Documents>,
+    StrictQuery(query): StrictQuery<DocsQuery>,
+) -> Page {
+    let words = query.words()?;
+    if !words.is_empty() {
+        let shell = below_docs("Search in the documents");
+        return render(&DocsSearchPage { shell, query, results: documents.search(&words) });
+    }
+    let shell = PageShell::new(DOCS_TITLE, SiteSection::Docs);
+    render(&DocsPage { shell, grpc_address, keys: Key::ALL, query, groups: documents.groups() })
+}
+
+async fn document(PathOnly(slug): PathOnly<String>, Extension(documents): Extension<Documents>) -> Page {
+    let document = documents.find(&slug).ok_or_else(|| RequestError::unknown("document", slug))?;
+    render(&DocumentPage { shell: below_docs(&document.title), document })
+}
+
+async fn chart(
+    PathOnly(file): PathOnly<String>,
+    Extension(documents): Extension<Documents>,
+) -> Result<Response> {
+    let svg = documents.chart(&file).ok_or_else(|| RequestError::unknown("chart", &file))?;
+    Ok(([(header::CONTENT_TYPE, "image/svg+xml; charset=utf-8")], svg.to_owned()).into_response())
+}
+
+fn below_docs(title: &str) -> PageShell {
+    PageShell::new(title, SiteSection::Docs).below(DOCS_TITLE, "/docs")
 }

@@ -1,9 +1,6 @@
 //! Replay map. One unit is a metre; right is +X and down is +Z, so heading 0 points up.
 
-use super::{
-    Moment,
-    storeys::{Spot, Storeys, by_storey, height, spot},
-};
+use super::timeline::{Moment, Spot, Storeys, by_storey, height, spot};
 use avln_store::{MissionView, Replay, SceneMap, TargetView};
 use std::fmt::Write;
 

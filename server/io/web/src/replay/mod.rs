@@ -2,7 +2,6 @@
 
 mod map;
 mod sound;
-mod storeys;
 mod timeline;
 
 pub(crate) use map::{MapView, colour, plan};
@@ -238,7 +237,7 @@ fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
 mod tests {
     use super::*;
     use avln_store::SceneMap;
-    use storeys::Spot;
+    use timeline::Spot;
 
     /// Returns a straight path towards -Z in steps of 0.25 m, without targets and sound.
     pub(crate) fn replay(steps: usize) -> Replay {

@@ -1,4 +1,4 @@
-use crate::fixture::{Answer, Arena};
+use crate::{Answer, Arena};
 use avln_episode::Sensors;
 use axum::{
     body::Body,

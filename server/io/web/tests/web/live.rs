@@ -1,4 +1,4 @@
-use crate::fixture::{Arena, TOKEN};
+use crate::{Arena, TOKEN};
 use avln_web::{LiveSession, LiveSlot, LiveStatus, Site};
 use axum::http::{StatusCode, header};
 use std::{

@@ -1,7 +1,7 @@
 //! Sign-in, permissions of teams and organisers, and protection against requests from other sites.
 
 use crate::{
-    fixture::{Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN},
+    Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN,
     site::{NEW_SECRET, READ_ONLY, Site},
 };
 use avln_store::{AuditNote, TokenScope};

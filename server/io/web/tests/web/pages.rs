@@ -1,4 +1,4 @@
-use crate::fixture::{Answer, Arena, ORGANISER, RUDE_TEAM, TOKEN, phase};
+use crate::{Answer, Arena, ORGANISER, RUDE_TEAM, TOKEN, phase};
 use avln_challenge::Schedule;
 use avln_store::{Phase, Visibility};
 use axum::{
@@ -485,5 +485,5 @@ async fn logs_follow_the_visibility_of_replays() {
     }
     let organiser = arena.get_as("/api/v1/runs/run_sealed/log", ORGANISER).await;
     assert_eq!(organiser.body, "the canary log of run_sealed\n");
-    assert_eq!(arena.get("/api/v1/status").await.json()["log_key"], crate::fixture::LOG_KEY);
+    assert_eq!(arena.get("/api/v1/status").await.json()["log_key"], crate::LOG_KEY);
 }

@@ -1,4 +1,4 @@
-use crate::fixture::{Arena, TOKEN};
+use crate::{Arena, TOKEN};
 use avln_episode::Sensors;
 use avln_store::{Scene, SceneMap};
 use avln_web::{

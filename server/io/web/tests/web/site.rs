@@ -1,6 +1,6 @@
 //! Site with recorded actions, and browsers that use it.
 
-use crate::fixture::{Answer, Arena, RUDE_TEAM};
+use crate::{Answer, Arena, RUDE_TEAM};
 use avln_store::{AuditNote, Store, TokenScope};
 use avln_web::{
     ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,

@@ -1,7 +1,7 @@
 //! Clips from recordings.
 
 use super::Clip;
-use super::mastering::Mastering;
+use super::synthesis::Mastering;
 use crate::SAMPLE_RATE_HZ;
 use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
@@ -155,7 +155,7 @@ mod tests {
             let clip = Clip::recorded("tone", &tone(1000.0, rate_hz, 2.0), rate_hz).expect("a clip");
             assert_eq!(clip.samples.len(), 2 * 16_000 - 800, "{rate_hz}");
             let level = root_mean_square(&clip.samples);
-            assert!((level / crate::clip::mastering::LOUDNESS - 1.0).abs() < 0.002, "{rate_hz}: {level}");
+            assert!((level / crate::clip::synthesis::LOUDNESS - 1.0).abs() < 0.002, "{rate_hz}: {level}");
         }
     }
 

@@ -22,7 +22,7 @@ const MAX_PROBED_HZ: f64 = 6000.0;
 pub(crate) struct HeardField {
     pub(super) noise: Noise,
     /// Energy at an ear relative to the free field, by band.
-    energy: [f32; BANDS],
+    pub(crate) energy: [f32; BANDS],
 }
 
 impl HeardField {
@@ -38,11 +38,6 @@ impl HeardField {
             }
         }
         Self { noise, energy }
-    }
-
-    /// Energy at an ear relative to the free field, by band.
-    pub(crate) fn energy(&self) -> &[f32; BANDS] {
-        &self.energy
     }
 
     /// Energy by band, relative to diffuse sound.

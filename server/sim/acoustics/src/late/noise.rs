@@ -3,7 +3,7 @@
 //! Source: "low-noise noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), by repeated division by the envelope and
 //! restoration of the spectrum (Kohlrausch and others 1997, Acta Acustica 83).
 
-use super::slices::BLOCK;
+use super::cells::BLOCK;
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
 use crate::transform::{Fourier, unit_phasor};

@@ -1,8 +1,8 @@
 //! Rendering of late energy at two ears.
 
+use super::cells::{BLOCK, Density, Envelope, Slice};
 use super::diffuse::HeardField;
 use super::noise::PERIOD;
-use super::slices::{BLOCK, Density, Envelope, Slice};
 use crate::bands::BANDS;
 use crate::building::Settings;
 use crate::head::filter::{EarResponse, FAR_M, HEAD_LEAD, HEAD_TAPS};

@@ -1,7 +1,7 @@
 //! Late energy against theory: Eyring, Sabine, diffuse fields.
 
 use super::LateField;
-use super::slices::{self, CHANNELS, Slice, middle_s};
+use super::cells::{CHANNELS, Slice, middle_s, slice_count, start_s};
 use super::tail::add_tail;
 use super::trace::trace;
 use crate::bands::BANDS;
@@ -53,7 +53,7 @@ fn mid_s(bin: usize) -> f64 {
 }
 
 fn width_s(bin: usize) -> f64 {
-    f64::from(slices::start_s(bin + 1) - slices::start_s(bin))
+    f64::from(start_s(bin + 1) - start_s(bin))
 }
 
 /// Seconds for 60 dB, from a straight line through the decibels between two times.
@@ -99,7 +99,7 @@ fn energy_is_constant_without_absorption() {
     let building = room(surface(0.0, 0.5), settings(6000));
     let source = Point3::new(1.4, 1.2, 1.9);
     let images = Images::new(&building, &source);
-    let bins = slices::count(1.0);
+    let bins = slice_count(1.0);
     let tally = trace(&building, &source, &images, 1);
     assert_eq!(tally.lost_share, 0.0);
     let counted: f32 =

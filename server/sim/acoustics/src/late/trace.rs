@@ -1,8 +1,7 @@
 //! Rays that carry source energy through a building.
 
-use super::cells::NO_CELL;
-use super::slices::{self, CHANNELS, doublings, slice_of};
-use crate::air::grid::march;
+use super::cells::{CHANNELS, NO_CELL, doublings, slice_count, slice_of};
+use crate::air::march;
 use crate::building::Building;
 use crate::images::{Images, MAX_ORDER};
 use crate::planes::PlaneId;
@@ -93,7 +92,7 @@ impl MirrorPath {
 
 /// Traces rays from `outlet`; `key` seeds the random draws.
 pub(super) fn trace(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Tally {
-    let bins = slices::count(building.settings.response_s);
+    let bins = slice_count(building.settings.response_s);
     let count = building.settings.ray_count;
     let mut tracer = Tracer {
         building,

@@ -5,7 +5,6 @@ mod common;
 mod ears;
 mod head;
 mod localisation;
-mod meter;
 mod reverberation;
 mod rooms;
 mod sofa;

@@ -6,15 +6,14 @@
 //! have no instance.
 
 mod document;
-mod draco;
 mod export;
 mod source;
 mod surfaces;
 
-use crate::files::{self, Checked, ImportReport, scene_name};
+use crate::files::{self, Checked, ImportReport};
 use crate::glb::source::Source;
-use crate::named_model::{Model, scene_of_named_model};
-use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
+use crate::named_model::{Model, import_named_model, scene_of_named_model};
+use crate::world_frame::{ImportOptions, UpAxis, UpConvention, check_size};
 use avln_scene::limits::MAX_FILE_BYTES;
 use avln_scene::{Scene, SceneError};
 use std::path::Path;
@@ -27,11 +26,7 @@ pub(crate) fn import(
     options: &ImportOptions,
     report: &mut ImportReport,
 ) -> Result<Scene, SceneError> {
-    let fail = |reason| files::malformed(path, reason);
-    let mut model = read_part(path, report)?;
-    FileFrame::of(&model.mesh, options, UpConvention::Fixed(UpAxis::Y), report).apply(&mut model.mesh);
-    check_size(&model.mesh, report).map_err(fail)?;
-    scene_of_named_model(scene_name(path), model).map_err(fail)
+    import_named_model(path, read_part(path, report)?, options, UpConvention::Fixed(UpAxis::Y), report)
 }
 
 /// Imports a file from memory; all data must be inside (`.glb`, or `data:` URIs). `label_for_errors` replaces the path in
@@ -70,6 +65,7 @@ fn parse(bytes: &[u8], folder: Option<&Path>, report: &mut ImportReport) -> Chec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::files::scene_name;
     use crate::images;
     use avln_geom::{Aabb, Point2, Point3, Rng, Vector3};
     use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Texture};

@@ -5,8 +5,7 @@ use crate::files::{Checked, ImportReport, refuse_if, too_many};
 use crate::glb::document::{
     MaterialEntry, PlacedNode, Primitive, TextureTransform, TextureUse, missing, placed_nodes,
 };
-use crate::glb::draco::{DRACO, unpack_draco};
-use crate::glb::source::{Elements, PrimitiveVertices, Source, is_absent, load};
+use crate::glb::source::{DRACO, Elements, PrimitiveVertices, Source, is_absent, load, unpack_draco};
 use crate::images;
 use crate::named_model::{Model, ModelNode, NodeExtras};
 use avln_geom::{Point2, Point3};

@@ -36,13 +36,11 @@ pub(crate) fn import(
             path.display()
         ));
     }
-    FileFrame::of(&ply.mesh, options, UpConvention::Usual(UpAxis::Z), report).apply(&mut ply.mesh);
-    check_size(&ply.mesh, report).map_err(|reason| files::malformed(path, reason))?;
+    let fail = |reason| files::malformed(path, reason);
+    FileFrame::applied(&mut ply.mesh, options, UpConvention::Usual(UpAxis::Z), report);
+    check_size(&ply.mesh, report).map_err(fail)?;
     let mut pictures = ImageSet::new(path.parent().unwrap_or(Path::new("")), MAX_TEXELS);
-    let texture = match &ply.texture {
-        Some(name) => Some(pictures.number(name, report).map_err(|reason| files::malformed(path, reason))?),
-        None => None,
-    };
+    let texture = ply.texture.as_ref().map(|name| pictures.number(name, report)).transpose().map_err(fail)?;
     Ok(Scene {
         name: scene_name(path),
         mesh: ply.mesh,

@@ -45,7 +45,7 @@ impl Decorator<'_> {
     fn wardrobe(&mut self) {
         let width = self.sampler.rng.range(0.95, 1.5);
         for (width, wish, front) in [(width, Wish::Corner, 0.6), (0.8, Wish::Anywhere, 0.45)] {
-            if self.put_sized(&cabinets::WARDROBE, [width, 0.0, 0.0], wish, front).is_some() {
+            if self.put_sized(&storage::WARDROBE, [width, 0.0, 0.0], wish, front).is_some() {
                 return;
             }
         }
@@ -63,13 +63,13 @@ impl Decorator<'_> {
     fn bed_group(&mut self) -> Option<Spot> {
         let wide = self.maybe(0.7);
         let width = if wide { self.sampler.rng.range(1.4, 1.7) } else { self.sampler.rng.range(0.95, 1.1) };
-        let mut bed = beds::BED.sized(self.sampler, [width, 0.0, 0.0]);
+        let mut bed = textiles::BED.sized(self.sampler, [width, 0.0, 0.0]);
         let mut spot = self.stand(&bed, Wish::Middle, 0.6);
         for _ in 0..NARROW_BEDS {
             if spot.is_some() {
                 break;
             }
-            bed = beds::BED.sized(self.sampler, [0.95, 0.0, 0.0]);
+            bed = textiles::BED.sized(self.sampler, [0.95, 0.0, 0.0]);
             spot = self.stand(&bed, Wish::Anywhere, 0.0).or_else(|| self.stand_along_wall(&bed));
         }
         let spot = spot?;
@@ -77,18 +77,18 @@ impl Decorator<'_> {
         let cushions = self.count(2, 4);
         let fitting: &[f32] = if width > 1.3 { &[-0.24, 0.24, -0.7, 0.7][..cushions] } else { &[0.0] };
         let inside: Vec<f32> = fitting.iter().copied().filter(|x| x.abs() + 0.24 <= width / 2.0).collect();
-        self.lean_cushions(&spot, &bed.attributes.color, &inside, [beds::COVER_M, -0.5]);
+        self.lean_cushions(&spot, &bed.attributes.color, &inside, [textiles::COVER_M, -0.5]);
         if self.maybe(0.2) {
-            self.lay_flat(&textiles::FOLDED, &spot, [width * 0.2, 0.6], beds::COVER_M);
+            self.lay_flat(&textiles::FOLDED, &spot, [width * 0.2, 0.6], textiles::COVER_M);
         }
-        let nightstand = cabinets::NIGHTSTAND.any(self.sampler);
+        let nightstand = storage::NIGHTSTAND.any(self.sampler);
         for hand in [-1.0, 1.0] {
             if let Some(nightstand) = self.beside(&nightstand, &spot, hand) {
                 self.lamp_on(&nightstand, 0.0);
             }
         }
         if wide && self.maybe(0.4) {
-            let bench = stools::SEATING.sized(self.sampler, [width * 0.8, 0.0, 0.4]);
+            let bench = seats::SEATING.sized(self.sampler, [width * 0.8, 0.0, 0.4]);
             self.stand_at(&bench, spot.side, spot.before(0.03 + bench.size().z / 2.0));
         }
         if self.maybe(0.6) {
@@ -103,12 +103,12 @@ impl Decorator<'_> {
 
     /// Adds a chest of drawers, sometimes with a television, opposite the bed if possible.
     fn chest(&mut self, bed: Option<&Spot>) {
-        let chest = cabinets::CHEST.any(self.sampler);
+        let chest = storage::CHEST.any(self.sampler);
         let wish = bed.map_or(Wish::Anywhere, |bed| Wish::Facing(bed.side.opposite(), bed.along()));
         let facing = self.stand(&chest, wish, 0.6);
         let Some(spot) = facing.or_else(|| self.stand(&chest, Wish::Anywhere, 0.6)) else { return };
         if self.maybe(0.25) {
-            let tv = screens::TV.sized(self.sampler, [0.72, 0.0, 0.0]);
+            let tv = displays::TV.sized(self.sampler, [0.72, 0.0, 0.0]);
             self.piece_on_top(&tv, &spot, [0.0, -0.3]);
         } else {
             self.clutter(&spot, 2);
@@ -124,12 +124,12 @@ impl Decorator<'_> {
         let small = self.area_m2() < 5.5;
         let tub = self.maybe(0.42) && !small;
         if tub {
-            self.put(&sanitary::BATHTUB, Wish::Corner, 0.6);
+            self.put(&fixtures::BATHTUB, Wish::Corner, 0.6);
         }
-        let toilet = |this: &mut Self, front_m| this.put(&sanitary::TOILET, Wish::Corner, front_m).is_some();
+        let toilet = |this: &mut Self, front_m| this.put(&fixtures::TOILET, Wish::Corner, front_m).is_some();
         let _ = toilet(self, 0.6) || toilet(self, 0.4);
         if !tub || self.maybe(0.8) {
-            self.put(&sanitary::SHOWER, Wish::Corner, 0.5);
+            self.put(&fixtures::SHOWER, Wish::Corner, 0.5);
         }
         self.wash_place();
         if self.area_m2() > 7.0 && self.maybe(0.55) {
@@ -144,15 +144,15 @@ impl Decorator<'_> {
     /// Adds a sink on a pedestal or cabinet, and a mirror above.
     pub(super) fn wash_place(&mut self) {
         let on_cabinet = self.maybe(0.55) && self.area_m2() > 4.5;
-        if on_cabinet && let Some(spot) = self.put(&cabinets::VANITY, Wish::Anywhere, 0.6) {
-            self.on_top(&sanitary::VESSEL_SINK, &spot, [0.0, 0.0]);
+        if on_cabinet && let Some(spot) = self.put(&storage::VANITY, Wish::Anywhere, 0.6) {
+            self.on_top(&fixtures::VESSEL_SINK, &spot, [0.0, 0.0]);
             self.mirror([0.55, 0.7], Wish::Facing(spot.side, spot.along()));
             if self.maybe(0.3) {
                 self.on_top(&textiles::TOWEL_PILE, &spot, [1.0, 0.0]);
             }
             return;
         }
-        let sink = |this: &mut Self, front_m| this.put(&sanitary::PEDESTAL_SINK, Wish::Anywhere, front_m);
+        let sink = |this: &mut Self, front_m| this.put(&fixtures::PEDESTAL_SINK, Wish::Anywhere, front_m);
         if let Some(spot) = sink(self, 0.6).or_else(|| sink(self, 0.4)) {
             self.mirror([0.5, 0.7], Wish::Facing(spot.side, spot.along()));
         }
@@ -162,18 +162,18 @@ impl Decorator<'_> {
 impl Decorator<'_> {
     pub(super) fn closet(&mut self) {
         if self.area_m2() > 2.5 {
-            self.put(&shelves::BOOKCASE, Wish::Corner, 0.5);
+            self.put(&storage::BOOKCASE, Wish::Corner, 0.5);
         }
         let coats = self.count(1, 3);
         self.coats(coats);
-        if let Some(chest) = self.put(&cabinets::CHEST, Wish::Anywhere, 0.5) {
+        if let Some(chest) = self.put(&storage::CHEST, Wish::Anywhere, 0.5) {
             self.on_top(&textiles::FOLDED, &chest, [-0.4, 0.0]);
         }
         if self.maybe(0.5) {
             self.put(&decor::BASKET, Wish::Corner, 0.0);
         }
         if self.maybe(0.4) {
-            self.put(&stools::FOOTSTOOL, Wish::Anywhere, 0.0);
+            self.put(&seats::FOOTSTOOL, Wish::Anywhere, 0.0);
         }
     }
 
@@ -187,13 +187,13 @@ impl Decorator<'_> {
             }
         }
         if self.maybe(0.6) {
-            self.put(&sanitary::PEDESTAL_SINK, Wish::Anywhere, 0.6);
+            self.put(&fixtures::PEDESTAL_SINK, Wish::Anywhere, 0.6);
         }
         if self.maybe(0.5) {
             self.put_sized(&kitchen::COUNTER, [1.0, 0.0, 0.0], Wish::Anywhere, 0.6);
         }
         self.put(&decor::BASKET, Wish::Corner, 0.0);
-        self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.5);
+        self.put(&storage::BOOKCASE, Wish::Anywhere, 0.5);
         if self.maybe(0.5) {
             self.towels(1);
         }
@@ -201,24 +201,24 @@ impl Decorator<'_> {
 
     pub(super) fn utility(&mut self) {
         for _ in 0..self.count(1, 2) {
-            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.5);
+            self.put(&storage::BOOKCASE, Wish::Anywhere, 0.5);
         }
-        self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.5);
+        self.put(&storage::TALL_CABINET, Wish::Anywhere, 0.5);
         if self.maybe(0.5) {
             self.put(&kitchen::WASHER, Wish::Corner, 0.6);
         }
         if self.maybe(0.5) {
-            self.put(&hearths::RADIATOR, Wish::Anywhere, 0.0);
+            self.put(&fixtures::RADIATOR, Wish::Anywhere, 0.0);
         }
         self.bin();
     }
 
     pub(super) fn garage(&mut self) {
         for _ in 0..self.count(2, 3) {
-            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.6);
+            self.put(&storage::BOOKCASE, Wish::Anywhere, 0.6);
         }
         for _ in 0..self.count(1, 3) {
-            self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.6);
+            self.put(&storage::TALL_CABINET, Wish::Anywhere, 0.6);
         }
         self.desk();
         for _ in 0..self.count(1, 2) {
@@ -227,7 +227,7 @@ impl Decorator<'_> {
         if self.maybe(0.5) {
             self.put(&sports::MACHINE, Wish::Anywhere, 0.6);
         }
-        self.put(&stools::STOOL, Wish::Anywhere, 0.0);
+        self.put(&seats::STOOL, Wish::Anywhere, 0.0);
         self.bin();
     }
 }

@@ -78,7 +78,7 @@ impl Decorator<'_> {
 
     fn set_row(&mut self, units: &[KitchenUnit], pieces: &[Piece], side: Side, start: f32, look: &Look) {
         let room = self.space.room;
-        let style = self.sampler.style(cabinets::WALL_CABINET.styles);
+        let style = self.sampler.style(storage::WALL_CABINET.styles);
         let upper = self.maybe(0.8).then(|| Look { style, ..look.clone() });
         let mut at = start;
         for (unit, piece) in units.iter().zip(pieces) {
@@ -88,7 +88,7 @@ impl Decorator<'_> {
             let spot = self.set(piece, side, &side.band(&room, along, [GAP_M, GAP_M + size.z]), 0.0);
             match unit {
                 KitchenUnit::Sink(_) => {
-                    let sink = sanitary::KITCHEN_SINK.any(self.sampler);
+                    let sink = fixtures::KITCHEN_SINK.any(self.sampler);
                     self.lay(&sink, &spot, [0.0, kitchen::COUNTER_M, 0.0]);
                     self.above(upper.as_ref(), size.x, side, middle);
                 }
@@ -114,14 +114,14 @@ impl Decorator<'_> {
             self.on_top(&kitchen::SMALL, spot, [-0.6, -0.4]);
         }
         if self.maybe(0.5) {
-            self.on_top(&plants::SMALL_PLANT, spot, [0.8, -0.6]);
+            self.on_top(&decor::SMALL_PLANT, spot, [0.8, -0.6]);
         }
     }
 
     /// Adds a cabinet above a counter, if the kitchen has wall cabinets.
     fn above(&mut self, look: Option<&Look>, width: f32, side: Side, middle: f32) {
         if let Some(look) = look {
-            let cabinet = cabinets::WALL_CABINET.drawn(look, [width * 0.95, 0.65, 0.33]);
+            let cabinet = storage::WALL_CABINET.drawn(look, [width * 0.95, 0.65, 0.33]);
             self.hang_deep(&cabinet, 1.5, side, middle);
         }
     }
@@ -135,7 +135,7 @@ impl Decorator<'_> {
         let Some(spot) = self.stand_at(&island, side, shifted(side, center, [0.0, -0.25])) else {
             return false;
         };
-        let stool = stools::BAR_STOOL.any(self.sampler);
+        let stool = seats::BAR_STOOL.any(self.sampler);
         for x in [-width * 0.27, width * 0.27] {
             self.stand_at(&stool, side, shifted(side, spot.center(), [x, 0.35 + 0.24]));
         }
@@ -146,7 +146,7 @@ impl Decorator<'_> {
     pub(super) fn dining_room(&mut self) {
         let chairs = [4, 6, 6, 8][self.rng.below(4)];
         self.dining_set(chairs);
-        let kind = if self.maybe(0.7) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
+        let kind = if self.maybe(0.7) { &storage::SIDEBOARD } else { &storage::TALL_CABINET };
         if let Some(cabinet) = self.put(kind, Wish::Middle, 0.6)
             && cabinet.height_m() < 1.1
         {
@@ -154,10 +154,10 @@ impl Decorator<'_> {
             self.picture_sized([0.7, 0.5], Wish::Facing(cabinet.side, cabinet.along()), 1.6);
         }
         if self.maybe(0.4) {
-            self.put(&cabinets::CHEST, Wish::Anywhere, 0.6);
+            self.put(&storage::CHEST, Wish::Anywhere, 0.6);
         }
         if self.maybe(0.3) {
-            self.put(&stools::SEATING, Wish::Anywhere, 0.4);
+            self.put(&seats::SEATING, Wish::Anywhere, 0.4);
         }
     }
 }
@@ -206,7 +206,7 @@ impl Decorator<'_> {
             self.stand_at(&chair, left, shifted(side, center, [-away, 0.0]));
             self.stand_at(&chair, right, shifted(side, center, [away, 0.0]));
         }
-        let kind = if self.maybe(0.6) { &decor::VASE } else { &plants::SMALL_PLANT };
+        let kind = if self.maybe(0.6) { &decor::VASE } else { &decor::SMALL_PLANT };
         self.on_top(kind, &table, [0.0, 0.0]);
         if self.maybe(0.5) {
             let rug = [size[0] + 1.1, size[1] + 1.3];

@@ -17,7 +17,7 @@ impl Decorator<'_> {
             }
         }
         if self.maybe(0.55)
-            && let Some(hearth) = self.put(&hearths::FIREPLACE, Wish::Middle, 0.7)
+            && let Some(hearth) = self.put(&fixtures::FIREPLACE, Wish::Middle, 0.7)
             && hearth.height_m() < 1.35
             && hearth.footprint()[1] < 0.45
         {
@@ -31,7 +31,7 @@ impl Decorator<'_> {
             self.sofa_group(1.7);
         }
         if self.maybe(0.6) {
-            self.put(&shelves::BOOKCASE, Wish::Corner, 0.6);
+            self.put(&storage::BOOKCASE, Wish::Corner, 0.6);
         }
     }
 
@@ -81,24 +81,24 @@ impl Decorator<'_> {
     /// Adds a television on a stand or on the wall, preferably at `wish`.
     pub(super) fn television(&mut self, wish: Wish) {
         let width = self.sampler.rng.range(0.95, 1.25);
-        let Some(stand) = self.put_sized(&cabinets::TV_STAND, [width + 0.3, 0.0, 0.0], wish, 0.6) else {
-            let tv = screens::WALL_TV.sized(self.sampler, [width, 0.0, 0.0]);
+        let Some(stand) = self.put_sized(&storage::TV_STAND, [width + 0.3, 0.0, 0.0], wish, 0.6) else {
+            let tv = displays::WALL_TV.sized(self.sampler, [width, 0.0, 0.0]);
             if self.hang(&tv, 1.05, wish).is_none() && !matches!(wish, Wish::Anywhere) {
                 self.television(Wish::Anywhere);
             }
             return;
         };
         let above = self.maybe(0.4);
-        let tv = screens::WALL_TV.sized(self.sampler, [width, 0.0, 0.0]);
+        let tv = displays::WALL_TV.sized(self.sampler, [width, 0.0, 0.0]);
         if !above || self.hang(&tv, 0.95, Wish::Facing(stand.side, stand.along())).is_none() {
-            let tv = screens::TV.sized(self.sampler, [width, 0.0, 0.0]);
+            let tv = displays::TV.sized(self.sampler, [width, 0.0, 0.0]);
             self.piece_on_top(&tv, &stand, [0.0, -0.2]);
         }
     }
 
     pub(super) fn library(&mut self) {
         for _ in 0..self.count(2, 4) {
-            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.6);
+            self.put(&storage::BOOKCASE, Wish::Anywhere, 0.6);
         }
         for _ in 0..self.count(1, 2) {
             if let Some(chair) = self.armchair(Wish::Corner) {
@@ -120,20 +120,20 @@ impl Decorator<'_> {
         if self.maybe(0.5) {
             self.put(&kitchen::ISLAND, Wish::Anywhere, 0.8);
         }
-        self.put(&stools::BAR_STOOL, Wish::Anywhere, 0.0);
-        self.put(&cabinets::SIDEBOARD, Wish::Anywhere, 0.6);
+        self.put(&seats::BAR_STOOL, Wish::Anywhere, 0.0);
+        self.put(&storage::SIDEBOARD, Wish::Anywhere, 0.6);
     }
 
     pub(super) fn hallway(&mut self) {
         if self.maybe(0.45) {
-            self.put_sized(&stools::SEATING, [0.0, 0.0, 0.34], Wish::Anywhere, 0.0);
+            self.put_sized(&seats::SEATING, [0.0, 0.0, 0.34], Wish::Anywhere, 0.0);
         }
         let coats = self.count(0, 1);
         self.coats(coats);
         let narrow = [0.9, 0.0, 0.28];
         let console = match self.maybe(0.5) {
             true => self.put_sized(&tables::CONSOLE, narrow, Wish::Anywhere, 0.0),
-            false => self.put_sized(&cabinets::SIDEBOARD, narrow, Wish::Anywhere, 0.0),
+            false => self.put_sized(&storage::SIDEBOARD, narrow, Wish::Anywhere, 0.0),
         };
         if let Some(console) = console {
             self.clutter(&console, 2);
@@ -164,7 +164,7 @@ impl Decorator<'_> {
             self.fix_over(&blind, side, middle, head + 0.02 - height);
         }
         if sill > 0.8 && self.maybe(0.3) {
-            let radiator = hearths::RADIATOR.sized(self.sampler, [(width * 0.8).max(0.6), 0.0, 0.0]);
+            let radiator = fixtures::RADIATOR.sized(self.sampler, [(width * 0.8).max(0.6), 0.0, 0.0]);
             self.stand(&radiator, Wish::Facing(side, middle), 0.0);
         }
     }
@@ -176,12 +176,12 @@ impl Decorator<'_> {
         wish: Wish,
         eye_m: f32,
     ) -> Option<Spot> {
-        let picture = pictures::PICTURE.sized(self.sampler, [width, height, 0.0]);
+        let picture = displays::PICTURE.sized(self.sampler, [width, height, 0.0]);
         self.hang(&picture, eye_m - picture.size().y / 2.0, wish)
     }
 
     pub(super) fn mirror(&mut self, [width, height]: [f32; 2], wish: Wish) {
-        let mirror = pictures::MIRROR.sized(self.sampler, [width, height, 0.0]);
+        let mirror = displays::MIRROR.sized(self.sampler, [width, height, 0.0]);
         self.hang(&mirror, 1.5 - mirror.size().y / 2.0, wish);
     }
 
@@ -197,15 +197,15 @@ impl Decorator<'_> {
             self.desk();
         }
         for _ in 0..self.count(1, 2) {
-            self.put(&shelves::BOOKCASE, Wish::Corner, 0.6);
+            self.put(&storage::BOOKCASE, Wish::Corner, 0.6);
         }
         if self.maybe(0.5) {
-            self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.6);
+            self.put(&storage::TALL_CABINET, Wish::Anywhere, 0.6);
         }
         if self.maybe(0.5) {
             self.armchair(Wish::Corner);
         }
-        let board = pictures::BOARD.any(self.sampler);
+        let board = displays::BOARD.any(self.sampler);
         self.hang(&board, 1.5 - board.size().y / 2.0, Wish::Middle);
         self.bin();
     }
@@ -213,7 +213,7 @@ impl Decorator<'_> {
     /// Adds a desk with a monitor, a lamp and a chair.
     pub(super) fn desk(&mut self) {
         let Some(desk) = self.put(&tables::DESK, Wish::Middle, 0.9) else { return };
-        let monitor = screens::MONITOR.any(self.sampler);
+        let monitor = displays::MONITOR.any(self.sampler);
         self.piece_on_top(&monitor, &desk, [0.0, -0.5]);
         if self.maybe(0.6) {
             self.on_top(&lights::TABLE_LAMP, &desk, [-1.0, -0.6]);
@@ -234,10 +234,10 @@ impl Decorator<'_> {
             self.put(&sports::KIT_PIECE, Wish::Corner, 0.0);
         }
         if self.maybe(0.6) {
-            self.put(&stools::SEATING, Wish::Anywhere, 0.4);
+            self.put(&seats::SEATING, Wish::Anywhere, 0.4);
         }
         if self.maybe(0.5) {
-            let tv = screens::WALL_TV.sized(self.sampler, [0.9, 0.0, 0.0]);
+            let tv = displays::WALL_TV.sized(self.sampler, [0.9, 0.0, 0.0]);
             self.hang(&tv, 1.3, Wish::Middle);
         }
         self.mirror([0.9, 1.4], Wish::Middle);

@@ -6,14 +6,17 @@
 //! sections.
 
 mod build;
-mod textures;
+mod replacement;
+mod simplification;
 mod tree;
 
 #[cfg(doc)]
 use crate::lanes::LANES;
+use build::node_words;
+pub(crate) use build::{BLOCK, LEVEL_BITS, NO_TEXTURE};
+pub(crate) use replacement::Replacements;
 use std::io::{self, Write};
 use std::ops::Range;
-pub(crate) use textures::{BLOCK, LEVEL_BITS, NO_TEXTURE};
 pub(crate) use tree::CLUSTER;
 
 /// Corner limit of a cluster.

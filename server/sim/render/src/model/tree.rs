@@ -53,7 +53,7 @@ struct Bin {
     count: usize,
 }
 
-const NO_BOX: Aabb = Aabb {
+pub(super) const NO_BOX: Aabb = Aabb {
     min: Point3::new(f32::INFINITY, f32::INFINITY, f32::INFINITY),
     max: Point3::new(f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY),
 };

@@ -12,7 +12,7 @@ mod screen;
 
 use crate::camera::Lens;
 use crate::lanes::{Floats, LANES};
-use crate::model::ModelView;
+use crate::model::{ModelView, Replacements};
 use avln_geom::{Point3, Vector3};
 use avln_simd::Work;
 use batch::{Batches, Projected};
@@ -23,6 +23,8 @@ use std::array::from_fn;
 
 /// Near plane, metres.
 pub(crate) const NEAR_M: f32 = 1e-3;
+/// Flag of replacement nodes in [`Scratch::open`].
+const IS_SIMPLE: u32 = 1 << 31;
 // Rounding changes a nearness by less than this factor.
 const ROUNDING: f32 = 1.0 + 1e-5;
 
@@ -40,6 +42,8 @@ pub(crate) struct Scratch {
 
 pub(crate) struct Raster<'a> {
     pub(crate) view: ModelView<'a>,
+    /// Replacements for boxes with errors below half a pixel, if any.
+    pub(crate) replacements: Option<&'a Replacements>,
     pub(crate) lens: Lens,
     pub(crate) scratch: &'a mut Scratch,
 }
@@ -54,9 +58,23 @@ impl Work for Raster<'_> {
         if !self.view.nodes.is_empty() {
             self.scratch.open.push(0);
         }
-        while let Some(node) = self.scratch.open.pop() {
+        let exact = self.view;
+        let simple = self.replacements.map(|replacements| replacements.view(exact)).unwrap_or_default();
+        let mut is_simple = false;
+        let most_per_m = 0.5 / self.lens.right.norm();
+        while let Some(entry) = self.scratch.open.pop() {
+            let node = entry & !IS_SIMPLE;
+            if (entry != node) != is_simple {
+                is_simple = !is_simple;
+                self.view = if is_simple { simple } else { exact };
+            }
             let &[.., number, kind] = &self.view.nodes[node as usize];
-            if !self.may_show(node) {
+            let Some(nearest_m) = self.may_show(node) else { continue };
+            if let Some(replacements) = self.replacements
+                && !is_simple
+                && let Some(replacement) = replacements.of(node, nearest_m * most_per_m)
+            {
+                self.scratch.open.extend(replacement.root.map(|root| root | IS_SIMPLE));
                 continue;
             }
             if kind == 1 {
@@ -65,7 +83,10 @@ impl Work for Raster<'_> {
             } else {
                 let [left, right] = [number, number + 1];
                 let is_left_nearer = self.distance(left) <= self.distance(right);
-                self.scratch.open.extend(if is_left_nearer { [right, left] } else { [left, right] });
+                let flag = entry & IS_SIMPLE;
+                self.scratch.open.extend(
+                    if is_left_nearer { [right, left] } else { [left, right] }.map(|node| node | flag),
+                );
             }
         }
     }
@@ -91,15 +112,16 @@ impl Raster<'_> {
         gap(0) * gap(0) + gap(1) * gap(1) + gap(2) * gap(2)
     }
 
+    /// Returns a box's smallest depth, metres, if anything in it may be visible.
     #[inline(always)]
-    fn may_show(&self, node: u32) -> bool {
+    fn may_show(&self, node: u32) -> Option<f32> {
         let [x, y, z] = self.camera_from_box(&self.bounds(node));
         let (nearest_m, farthest_m) = z.range();
         if farthest_m < NEAR_M {
-            return false;
+            return None;
         }
         if nearest_m < NEAR_M {
-            return self.may_face(&x.0, &y.0, &z.0);
+            return self.may_face(&x.0, &y.0, &z.0).then_some(nearest_m);
         }
         let screen = &self.scratch.screen;
         let nearness = Floats::of(1.0) / z;
@@ -108,6 +130,7 @@ impl Raster<'_> {
         let (top, bottom) = (y * nearness + middle_y).range();
         PixelRect::between([left, top], [right, bottom], [screen.width, screen.height])
             .is_some_and(|pixels| screen.shows(&pixels, ROUNDING / nearest_m))
+            .then_some(nearest_m)
     }
 
     /// Returns a box's corners in the camera frame: all x, all y, all z.

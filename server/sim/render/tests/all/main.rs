@@ -4,9 +4,8 @@
 //! All tests use the public interface, so they are independent of the implementation.
 
 mod compare;
+mod detail;
 mod frames;
-mod golden;
 mod noise;
 mod properties;
-mod rays;
 mod scenes;

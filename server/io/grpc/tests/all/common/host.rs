@@ -1,7 +1,6 @@
-use super::{
-    plan::Plan,
-    soon, {Quirk, ToyRunner},
-};
+//! The toy host.
+
+use super::{Plan, Quirk, ToyRunner, soon};
 use avln_challenge::{
     Account, Charge, EpisodeOutcome, MethodInfo, MethodType, PhaseInfo, PhaseState, Quota, QuotaWindow,
     RunState, RunStatus, TokenScope, Visibility,
@@ -41,6 +40,7 @@ pub(crate) struct ToyHost {
     total: u32,
     max_steps: u32,
     most_open: usize,
+    max_slots: u32,
     shows_metrics: bool,
     time: TimeLimits,
     book: Book,
@@ -113,6 +113,7 @@ impl ToyHost {
             concluded: watch::Sender::default(),
             max_steps: plan.max_steps,
             most_open: plan.most_open,
+            max_slots: plan.max_slots,
             shows_metrics: plan.shows_metrics,
             time: plan.time,
             book,
@@ -296,7 +297,7 @@ impl Host for ToyHost {
             rules: Rules::PAPER.into(),
             episode_count: self.total,
             feedback: FeedbackRule::None,
-            max_slots: 4,
+            max_slots: self.max_slots,
             sensors: self.sensors(),
             state: PhaseState::Open,
             state_reason: None,
@@ -329,7 +330,7 @@ impl Host for ToyHost {
             run: RUN.into(),
             token: RUN_TOKEN.into(),
             episodes: self.total,
-            max_slots: 4,
+            max_slots: self.max_slots,
             time: self.time,
             quota: Some(quota()),
         })
@@ -359,7 +360,7 @@ impl Host for ToyHost {
             RUN_TOKEN => Ok(OpenRun {
                 run: RUN.into(),
                 team: "red".into(),
-                max_slots: 4,
+                max_slots: self.max_slots,
                 rules: Rules { max_steps: self.max_steps, ..Rules::paper() },
                 sensors: self.sensors(),
                 episodes: self.total,

@@ -1,7 +1,8 @@
 //! Toy host and test client.
 
 use avln_episode::{
-    Action, EndReason, Feedback, GoalCue, Mission, Observation, Order, Point3, Pose, RgbImage, Rules, Sensors,
+    Action, EndReason, Feedback, GoalCue, Mission, Observation, Order, Point3, Pose, RgbImage, Rules,
+    Sensors, TimeLimits,
 };
 use avln_grpc::{Episode, Limits, serve};
 use avln_proto::v1::run_service_client::RunServiceClient;
@@ -17,11 +18,47 @@ use tonic::transport::Channel;
 
 mod clients;
 mod host;
-mod plan;
 
 pub(crate) use clients::{Agent, Attack, Siege, authorised, channel, hello, play_client, reason};
 pub(crate) use host::{ACCOUNT, Book, LOOKING, ORGANISER, RUN, RUN_TOKEN, ToyHost};
-pub(crate) use plan::{PATIENT, Plan};
+
+/// A minute per action, and no time for lost connections.
+pub(crate) const PATIENT: TimeLimits =
+    TimeLimits { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 0, disconnect_total_s: 0 };
+
+/// Episodes and limits of the toy host.
+pub(crate) struct Plan {
+    /// One entry per episode.
+    pub(crate) episodes: Vec<Quirk>,
+    pub(crate) max_steps: u32,
+    /// Episodes that fit into the memory.
+    pub(crate) most_open: usize,
+    pub(crate) max_slots: u32,
+    pub(crate) shows_metrics: bool,
+    pub(crate) time: TimeLimits,
+}
+
+impl Plan {
+    pub(crate) fn plain(episodes: usize) -> Self {
+        Self::odd((0..episodes).map(|_| Quirk::None).collect())
+    }
+
+    pub(crate) fn odd(episodes: Vec<Quirk>) -> Self {
+        Self {
+            episodes,
+            max_steps: 10,
+            most_open: usize::MAX,
+            max_slots: 4,
+            shows_metrics: true,
+            time: PATIENT,
+        }
+    }
+
+    /// Plain episodes with time limits.
+    pub(crate) fn timed(episodes: usize, time: TimeLimits) -> Self {
+        Self { time, ..Self::plain(episodes) }
+    }
+}
 
 /// A gRPC server on a free port.
 pub(crate) struct TestServer {

@@ -1,0 +1,282 @@
+//! The paper's second and third question: benefit of sound beyond vision and language; effect of order, modality, number of
+//! goals and memory.
+
+use super::chart::Chart;
+use super::contrast::{
+    Contrast, ORDERS, PageSection, chart_rows, contrast_table, correct, family, holm, list, p, points,
+};
+use super::selection::{RowResults, TrackResults, modality_share};
+use crate::suite::ResultLine;
+use avln_episode::{Modality, Order};
+use std::fmt::Write as _;
+
+/// Ablations of hearing: suffix and meaning.
+const ABLATIONS: [(&str, &str); 3] = [
+    ("no-audio", "no hearing: neither search nor outcomes of Submits by sound"),
+    ("no-search-sound", "no search by sound; outcomes of Submits by sound"),
+    ("no-outcomes", "search by sound; no outcomes of Submits by sound"),
+];
+const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Modality::Image];
+
+/// Returns the section; empty without an ablation of hearing.
+pub(super) fn sound_section(track: &TrackResults<'_>, with_verdicts: &TrackResults<'_>) -> PageSection {
+    let mut section = PageSection::default();
+    let full = track.full_agent();
+    let mut rows: Vec<_> =
+        ABLATIONS.into_iter().flat_map(|(suffix, _)| compared(track, full, suffix, "")).collect();
+    let verdicts = with_verdicts.full_agent();
+    rows.extend(compared(with_verdicts, verdicts, "no-audio", ", verdicts sent to both"));
+    let Some(search) = searched(track, full) else { return section };
+    holm(rows.iter_mut().flat_map(|row| &mut row.metrics).map(|contrast| &mut contrast.test));
+    section.text = format!(
+        "## Question 2: benefit of sound beyond vision and language\n\nDifferences between {full} and its ablations on common \
+         missions, in percentage points. Hearing has two uses: search, and the outcomes of Submits, since a found target falls \
+         silent. {}. With verdicts, the server sends the outcome of every Submit to both variants.\n\n{}",
+        ABLATIONS.map(|(suffix, meaning)| format!("*{suffix}*: {meaning}")).join(". "),
+        table(&rows)
+    );
+    let situations = situations(track, full, search);
+    let _ = write!(
+        section.text,
+        "\nISR of {full} minus {full}-{search}, by situation; for a modality, the found share of its goals in a mission. Short, \
+         middle and long are the thirds of the missions by reference length.\n\n{}",
+        contrast_table(&situations, "ISR")
+    );
+    let title = format!("ISR of {full} minus {full}-{search}");
+    let chart = Chart {
+        title: &title,
+        axis: "percentage points, with 95 % intervals",
+        rows: chart_rows(&situations),
+    };
+    section.add_chart("results-sound.svg", "Benefit of sound by situation with 95 % intervals", chart.svg());
+    let _ = write!(section.text, "\n{}\n", sound_answer(full, search, &rows, &situations));
+    section
+}
+
+/// Returns the least confounded ablation of search by sound with results.
+fn searched(track: &TrackResults<'_>, full: &str) -> Option<&'static str> {
+    ["no-search-sound", "no-audio"].into_iter().find(|suffix| track.has(&format!("{full}-{suffix}")))
+}
+
+/// Differences in SR, ISR and OSR.
+struct SoundRow {
+    label: String,
+    suffix: &'static str,
+    metrics: Vec<Contrast>,
+}
+
+fn compared(track: &TrackResults<'_>, full: &str, suffix: &'static str, note: &str) -> Vec<SoundRow> {
+    let numbers: [fn(&ResultLine) -> f64; 3] =
+        [|line| line.metrics.sr, |line| line.metrics.isr, |line| line.metrics.osr];
+    let other = format!("{full}-{suffix}");
+    let row = |order| {
+        let [with, without] = [full, other.as_str()].map(|name| track.row(name, order));
+        let label = format!("{full} - {suffix}{note}");
+        let contrast = |number: fn(&ResultLine) -> f64| {
+            let test = with.minus(&without, |line| Some(number(line)))?;
+            Some(Contrast { label: label.clone(), order, test })
+        };
+        let metrics: Vec<_> = numbers.into_iter().filter_map(contrast).collect();
+        // The answer is about the rows without verdicts.
+        let suffix = if note.is_empty() { suffix } else { "" };
+        (!metrics.is_empty()).then_some(SoundRow { label, suffix, metrics })
+    };
+    ORDERS.into_iter().filter_map(row).collect()
+}
+
+fn table(rows: &[SoundRow]) -> String {
+    let mut text = String::from(
+        "| comparison | order | n | SR difference | ISR difference | OSR difference |\n|---|---|---|---|---|---|\n",
+    );
+    for SoundRow { label, metrics, .. } in rows {
+        let Some(first) = metrics.first() else { continue };
+        let cells: Vec<_> =
+            metrics.iter().map(|Contrast { test, .. }| format!("{}, {}", points(test), p(test))).collect();
+        let (order, count) = (first.order.as_str(), first.test.count);
+        let _ = writeln!(text, "| {label} | {order} | {count} | {} |", cells.join(" | "));
+    }
+    text
+}
+
+/// A condition with a number per mission; `None` for missions outside it.
+type Situation = (String, Box<dyn Fn(&ResultLine) -> Option<f64>>);
+
+fn situations(track: &TrackResults<'_>, full: &str, suffix: &str) -> Vec<Contrast> {
+    let mut contrasts = Vec::new();
+    for order in ORDERS {
+        let [with, without] =
+            [full.to_owned(), format!("{full}-{suffix}")].map(|name| track.row(&name, order));
+        for (label, number) in conditions(&without) {
+            let test = with.minus(&without, number);
+            contrasts.extend(test.map(|test| Contrast { label, order, test }));
+        }
+    }
+    correct(&mut contrasts);
+    contrasts
+}
+
+/// Returns the situations: goal counts, modalities, and thirds of the missions by reference length.
+fn conditions(row: &RowResults<'_>) -> Vec<Situation> {
+    let mut conditions: Vec<Situation> = Vec::new();
+    for goals in [2, 3, 4] {
+        let own = move |line: &ResultLine| (line.metrics.goals == goals).then_some(line.metrics.isr);
+        conditions.push((format!("{goals} goals"), Box::new(own)));
+    }
+    for modality in MODALITIES {
+        let own = move |line: &ResultLine| modality_share(line, modality);
+        conditions.push((format!("{} goals", modality.as_str()), Box::new(own)));
+    }
+    let [short_m, long_m] = thirds_m(row);
+    let bounds = [(0.0, short_m, "short"), (short_m, long_m, "middle"), (long_m, f64::INFINITY, "long")];
+    for (from_m, to_m, name) in bounds {
+        let range = if to_m.is_finite() { format!("to {to_m:.0} m") } else { format!("from {from_m:.0} m") };
+        let own = move |line: &ResultLine| {
+            (from_m..to_m).contains(&line.metrics.reference_m).then_some(line.metrics.isr)
+        };
+        conditions.push((format!("{name} reference, {range}"), Box::new(own)));
+    }
+    conditions
+}
+
+/// Returns the ends of the first two thirds by reference length, metres.
+fn thirds_m(row: &RowResults<'_>) -> [f64; 2] {
+    let mut lengths_m: Vec<f64> = row.lines.iter().map(|line| line.metrics.reference_m).collect();
+    lengths_m.sort_by(f64::total_cmp);
+    [1, 2].map(|third| lengths_m.get(third * lengths_m.len() / 3).copied().unwrap_or(0.0))
+}
+
+fn sound_answer(full: &str, search: &str, rows: &[SoundRow], situations: &[Contrast]) -> String {
+    let isr = rows.iter().filter(|row| row.suffix == search).filter_map(|row| row.metrics.get(1));
+    let clauses: Vec<String> = isr.map(clause).collect();
+    let sure =
+        situations.iter().filter(|contrast| contrast.test.is_significant() && contrast.test.value > 0.0);
+    let most = sure.reduce(|most, next| if next.test.value > most.test.value { next } else { most });
+    let most = match most {
+        Some(most) => format!("the benefit is largest for {} ({})", most.name(), most.words()),
+        None => "no situation has a significant benefit".to_owned(),
+    };
+    let sound = if search == "no-audio" { "hearing" } else { "search by sound" };
+    format!("**Answer.** For {full}, {sound} {}; {most}.", clauses.join(" and "))
+}
+
+fn clause(contrast: &Contrast) -> String {
+    let order = contrast.order.as_str();
+    match (contrast.test.is_significant(), contrast.test.value > 0.0) {
+        (true, true) => format!("significantly raises the ISR of {order} missions ({})", contrast.words()),
+        (true, false) => format!("significantly lowers the ISR of {order} missions ({})", contrast.words()),
+        (false, _) => {
+            format!("does not significantly change the ISR of {order} missions ({})", contrast.words())
+        }
+    }
+}
+
+/// Ablations of memory.
+const MEMORIES: [&str; 3] = ["no-object-memory", "no-acoustic-memory", "no-map"];
+const MODALITY_PAIRS: [(Modality, Modality); 3] = [
+    (Modality::Description, Modality::Category),
+    (Modality::Image, Modality::Category),
+    (Modality::Image, Modality::Description),
+];
+const GOAL_PAIRS: [(u32, u32); 3] = [(3, 2), (4, 2), (4, 3)];
+
+/// A factor's tested differences in ISR.
+struct Factor {
+    name: &'static str,
+    contrasts: Vec<Contrast>,
+}
+
+/// Returns the section; empty without results of the full agent in both orders.
+pub(super) fn factors_section(track: &TrackResults<'_>) -> PageSection {
+    let mut section = PageSection::default();
+    let full = track.full_agent();
+    let factors = [
+        Factor { name: "order", contrasts: orders(track, full) },
+        Factor { name: "modality", contrasts: modalities(track, full) },
+        Factor { name: "number of goals", contrasts: goals(track, full) },
+        Factor { name: "memory", contrasts: memories(track, full) },
+    ];
+    if factors[0].contrasts.is_empty() {
+        return section;
+    }
+    section.text = format!(
+        "## Question 3: effect of order, modality, number of goals and memory\n\nDifferences in ISR, in percentage points; for \
+         modalities, in the found share of goals. Orders and ablations of memory are paired by mission; modalities and goal counts \
+         are compared inside houses. All rows are for {full} unless they name another agent.\n"
+    );
+    for Factor { name, contrasts } in factors.iter().filter(|factor| !factor.contrasts.is_empty()) {
+        let _ = write!(section.text, "\n### Effect of {name}\n\n{}", contrast_table(contrasts, "ISR"));
+    }
+    let rows = factors.iter().flat_map(|factor| chart_rows(&factor.contrasts)).collect();
+    let title = format!("Differences in ISR of {full}");
+    let chart = Chart { title: &title, axis: "percentage points, with 95 % intervals", rows };
+    section.add_chart(
+        "results-factors.svg",
+        "Effects of order, modality, number of goals and memory with 95 % intervals",
+        chart.svg(),
+    );
+    let _ = write!(section.text, "\n{}\n", factors_answer(full, &factors));
+    section
+}
+
+fn isr(line: &ResultLine) -> Option<f64> {
+    Some(line.metrics.isr)
+}
+
+fn orders(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
+    let mut agents = vec![full, "pag-nav", "sound-follower"];
+    agents.dedup();
+    let contrast = |agent: &str| {
+        let [ordered, unordered] = ORDERS.map(|order| track.row(agent, order));
+        let label = format!("{agent}: unordered - ordered");
+        let test = unordered.minus(&ordered, isr)?;
+        Some(Contrast { label, order: Order::Unordered, test })
+    };
+    let mut contrasts: Vec<_> = agents.into_iter().filter_map(contrast).collect();
+    correct(&mut contrasts);
+    contrasts
+}
+
+fn modalities(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
+    family(&MODALITY_PAIRS, |order, (first, second)| {
+        let test = track.row(full, order).modality_gap(*first, *second)?;
+        Some((format!("{} - {}", first.as_str(), second.as_str()), test))
+    })
+}
+
+fn goals(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
+    family(&GOAL_PAIRS, |order, (first, second)| {
+        let test = track.row(full, order).goals_gap(*first, *second)?;
+        Some((format!("{first} goals - {second} goals"), test))
+    })
+}
+
+fn memories(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
+    family(&MEMORIES, |order, suffix| {
+        let ablation = track.row(&format!("{full}-{suffix}"), order);
+        Some((format!("{full} - {suffix}"), track.row(full, order).minus(&ablation, isr)?))
+    })
+}
+
+fn factors_answer(full: &str, factors: &[Factor]) -> String {
+    let (mut found, mut unsure, mut missing) = (Vec::new(), Vec::new(), Vec::new());
+    for Factor { name, contrasts } in factors {
+        let sure = contrasts.iter().filter(|contrast| contrast.test.is_significant());
+        let largest = sure.max_by(|a, b| a.test.value.abs().total_cmp(&b.test.value.abs()));
+        match largest {
+            Some(largest) => found.push(format!("{name} (largest: {}, {})", largest.name(), largest.words())),
+            None if contrasts.is_empty() => missing.push((*name).to_owned()),
+            None => unsure.push((*name).to_owned()),
+        }
+    }
+    let mut clauses = vec![match found.is_empty() {
+        true => "no factor has a significant effect".to_owned(),
+        false => format!("significant effects: {}", list(&found)),
+    }];
+    if !found.is_empty() && !unsure.is_empty() {
+        clauses.push(format!("no significant effect: {}", list(&unsure)));
+    }
+    if !missing.is_empty() {
+        clauses.push(format!("without results: {}", list(&missing)));
+    }
+    format!("**Answer.** On the ISR of {full}, {}.", clauses.join("; "))
+}
