@@ -70,7 +70,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
-        """Starts the threads.
+        """Starts the threads; raises `ValueError` if an option is out of range, or the source is not for training.
 
         Args:
             num_envs: environments.
@@ -92,9 +92,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             teacher: author of `expert` in `targets`: `path` or `explore`.
             autoreset_mode: behaviour at the end of an episode, as in Gymnasium.
             render_mode: `rgb_array`, or None.
-
-        Raises:
-            ValueError: if an option is out of range, or the source is not for training.
         """
         self._reward = None if isinstance(reward, (str, Progress)) else reward
         self._options: dict[str, Any] = {
