@@ -171,8 +171,8 @@ impl<H: Host> ServiceContext<H> {
         };
         let resumed = session.positions().await;
         let held = resumed.iter().map(|held| held.slot + 1).max().unwrap_or(0);
-        // Open episodes keep their slots if the organiser has lowered the limit of the phase since.
-        let wished = agreement.slots.min(slots).min(open.slot_limit().max(held));
+        // Open episodes keep their slots if the organiser has lowered the limit of the phase since; a raised limit adds none.
+        let wished = agreement.slots.min(slots).min(open.slot_limit().max(held)).min(session.slot_count());
         let granted = guard.take_slots(wished, held.min(wished));
         let welcome = self.welcome(&open, &session, Agreement { slots: granted, ..agreement }, resumed);
         Ok(Admission { open, session, guard, welcome })

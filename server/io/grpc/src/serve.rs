@@ -308,9 +308,9 @@ impl<H: Host> PlayService for PlayCalls<H> {
         let context = self.0.clone();
         let token = bearer(request.metadata())?;
         context.registry.check_open()?;
-        context.any_run(&token).await?;
+        let open = context.any_run(&token).await?;
         // Two frames per slot: an observation and the end of its episode.
-        let (out, frames) = outbound(2 * Limits::MAX_SLOTS as usize, context.limits.reader_stall);
+        let (out, frames) = outbound(2 * open.slot_limit() as usize, context.limits.reader_stall);
         let stream = PlayStream { context, token, inbound: request.into_inner(), out };
         // In a task, so that episodes are stored even if the connection is cut.
         tokio::spawn(stream.run());

@@ -28,7 +28,7 @@ pub enum Detail {
     /// All triangles.
     #[default]
     Exact,
-    /// Fewer triangles, moved by less than half a pixel.
+    /// Fewer triangles, moved by about half a pixel at most.
     HalfPixel,
 }
 

@@ -105,7 +105,8 @@ impl<H: Host> Session<H> {
             host,
         });
         let ending = Arc::<SessionEnding>::default();
-        let count = episodes.iter().map(|held| held.slot + 1).fold(open.slot_limit(), u32::max);
+        let held = episodes.iter().map(|held| held.slot.saturating_add(1)).max().unwrap_or(0);
+        let count = open.slot_limit().max(held).min(Limits::MAX_SLOTS);
         let mut episodes: Vec<_> = episodes.into_iter().map(Some).collect();
         let mut slots = Vec::new();
         let mut tasks = Vec::new();
@@ -129,6 +130,10 @@ impl<H: Host> Session<H> {
         };
         session.report(|control, run| control.opened(run, false));
         session
+    }
+
+    pub(crate) fn slot_count(&self) -> u32 {
+        self.slots.len() as u32
     }
 
     /// Returns the session's span, to enter it.

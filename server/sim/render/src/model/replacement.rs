@@ -28,7 +28,7 @@ pub(crate) struct Replacements {
 /// A replacement of everything in a box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Replacement {
-    /// Largest deviation, metres.
+    /// Limit of the error of every collapse, metres.
     pub(crate) error_m: f32,
     /// Root in the replacement nodes; `None` if everything is smaller than the error.
     pub(crate) root: Option<u32>,

@@ -1,4 +1,4 @@
-//! Simplification of triangle meshes: edge collapses within an error.
+//! Simplification of triangle meshes: edge collapses, each within an error.
 //!
 //! A collapse moves all corners at one point to a neighbour point. Triangles at the edge disappear; no new
 //! triangles appear, so every remaining triangle has its original number. The surface moves by less than the
@@ -14,6 +14,8 @@ const COLOR_M: f32 = 1.0;
 const LEAST_COSINE: f32 = 0.5;
 /// Pass limit per call.
 const PASSES: usize = 16;
+/// Triangle limit at a collapsed point: borders are found by comparing all pairs of corners.
+const MOST_WEDGES: usize = 256;
 /// The last pass collapses fewer than this share of all points.
 const LEAST_SHARE: usize = 64;
 
@@ -128,7 +130,12 @@ impl Simplification {
             if self.is_locked[at] || self.is_settled[at] {
                 continue;
             }
-            self.gather(&mut star, point, stars.of(point), region_of);
+            let triangles = stars.of(point);
+            if triangles.len() > MOST_WEDGES {
+                self.is_settled[at] = true;
+                continue;
+            }
+            self.gather(&mut star, point, triangles, region_of);
             match self.best(&star, point, limit_m) {
                 Some(collapse) => {
                     self.apply(&star, &collapse);
@@ -269,7 +276,9 @@ impl Simplification {
             let edge = c_at - b_at;
             let (before, after) = ((b_at - old).cross(&edge), (b_at - new).cross(&edge));
             let length = after.norm();
-            if before.dot(&after) <= LEAST_COSINE * before.norm() * length {
+            // False for NaN, in case the product of huge edges is infinite.
+            let is_flat = before.dot(&after) > LEAST_COSINE * before.norm() * length;
+            if !is_flat {
                 return None;
             }
             error_m = error_m.max((b_at - old).dot(&after).abs() / length);

@@ -42,7 +42,7 @@ pub(crate) struct Scratch {
 
 pub(crate) struct Raster<'a> {
     pub(crate) view: ModelView<'a>,
-    /// Replacements for boxes with errors below half a pixel, if any.
+    /// Replacements for boxes with errors of about half a pixel, if any.
     pub(crate) replacements: Option<&'a Replacements>,
     pub(crate) lens: Lens,
     pub(crate) scratch: &'a mut Scratch,
