@@ -6,7 +6,7 @@ use crate::ground::LEAST_SUPPORT;
 use crate::memory::PendingSubmit;
 use crate::verify::{Readiness, Warrant};
 use crate::weights::Weights;
-use avln_client::{Action, Feedback, WrongSubmit};
+use avln_client::{Action, Feedback, SilenceRule, WrongSubmit};
 use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::hearing::HeardSound;
 use avln_kit::map::{ObjectHypothesis, range_m};
@@ -18,9 +18,15 @@ const RECENT: usize = 3;
 const SLACK_STEPS: u32 = 5;
 
 impl PagNav {
-    /// Returns true if an outcome can be inferred from silence.
-    fn infers_outcomes(&self) -> bool {
+    /// Returns true if a target should sound at its Submit.
+    fn needs_sound(&self) -> bool {
         self.weights.switches.silence_outcomes && self.falls_silent && !self.has_verdicts
+    }
+
+    /// Returns true if the agent waits for a found target's silence after a Submit. At the end of a turn, every source falls silent:
+    /// the evidence would cost a whole cycle of turns, up to a fifth of the steps.
+    fn awaits_silence(&self) -> bool {
+        self.weights.switches.silence_outcomes && self.falls_silent && self.silence != SilenceRule::WindowEnd
     }
 
     /// Returns the mean level of the last sounds in the current window, if there are enough.
@@ -49,7 +55,7 @@ impl PagNav {
             && self.levels.len() < RECENT
             && self.schedule.steps_left() as usize > RECENT;
         let is_known = self.is_supported(candidate) && !is_starting || self.audible(candidate).is_some();
-        if !self.infers_outcomes() || is_hurry || is_known {
+        if !self.needs_sound() || is_hurry || is_known {
             return Readiness::Now;
         }
         if self.is_silent_there(candidate) {
@@ -111,8 +117,7 @@ impl PagNav {
             let audible = self.audible(candidate);
             let source = audible.map(|(source, _)| source).or(candidate.source);
             // Near the end, the steps of waiting for an outcome are worth more.
-            let heard =
-                audible.filter(|_| self.weights.switches.silence_outcomes && self.falls_silent && !is_hurry);
+            let heard = audible.filter(|_| self.awaits_silence() && !is_hurry);
             let heard =
                 heard.map(|(source, level)| SubmitOutcome::new(self.silence, source, &self.schedule, level));
             let Candidate { object, goal, .. } = *candidate;
@@ -153,7 +158,10 @@ impl PagNav {
             self.settle_source(source, pending.goal, found, here);
             match pending.heard {
                 Some(outcome) if found => outcome.silence(source, &mut self.schedule),
-                None if found && self.falls_silent => self.schedule.silence(source),
+                None if found && self.falls_silent => match self.silence {
+                    SilenceRule::WindowEnd => self.schedule.silence_after_turn(source),
+                    _ => self.schedule.silence(source),
+                },
                 _ => {}
             }
         }
@@ -192,19 +200,26 @@ mod tests {
         let mut agent = PagNav::preset(Preset::PagNavPlus);
         let goals = vec![GoalCue::Category("bed".to_owned()); 2];
         agent.begin(&TaskSpec::default(), &Mission { goals, ..Mission::default() });
-        let seen = DetectedObject {
+        let here = Pose2d::default();
+        agent.here.objects.recognise(&here, vec![bed()], fit);
+        agent.remaining_steps = 800;
+        agent.mission.remaining_submits = 1;
+        (agent, here)
+    }
+
+    fn bed() -> DetectedObject {
+        DetectedObject {
             min: FloorPoint::new(-0.1, -1.1),
             max: FloorPoint::new(0.1, -0.9),
             high_m: 0.6,
             embedding: vec![1.0],
             views: 1,
             ..DetectedObject::default()
-        };
-        let here = Pose2d::default();
-        agent.here.objects.recognise(&here, vec![seen], |_, goal| if goal == 0 { 0.9 } else { 0.0 });
-        agent.remaining_steps = 800;
-        agent.mission.remaining_submits = 1;
-        (agent, here)
+        }
+    }
+
+    fn fit(_: &DetectedObject, goal: usize) -> f32 {
+        if goal == 0 { 0.9 } else { 0.0 }
     }
 
     /// Adds a source at a place, heard at the object from `range_m` metres.
@@ -234,6 +249,24 @@ mod tests {
         assert_eq!(readiness(&agent, &here), Readiness::Wait);
         agent.remaining_steps = agent.weights.hurry_steps - 1;
         assert_eq!(readiness(&agent, &here), Readiness::Now);
+    }
+
+    #[test]
+    fn silence_is_awaited_only_within_a_turn() {
+        for (silence, is_awaited) in [(SilenceRule::Immediate, true), (SilenceRule::WindowEnd, false)] {
+            let (mut agent, here) = agent();
+            (agent.silence, agent.weights.verify_looks) = (silence, 1);
+            hear(&mut agent, 0, FloorPoint::new(0.0, -1.0), 1.0);
+            agent.levels = vec![expected_level(1.0); RECENT];
+            agent.fresh = agent.here.objects.recognise(&here, vec![bed()], fit);
+            assert_eq!(agent.decide(&here), Action::Submit);
+            assert_eq!(agent.pending.expect("a Submit").heard.is_some(), is_awaited, "{silence:?}");
+            agent.settle(Feedback::None, None, here.place);
+            // Without evidence the goal counts as completed, and its source sounds until the end of its turn.
+            assert_eq!(agent.mission.is_active(0), is_awaited);
+            assert_eq!(agent.schedule.advance(), Some(0));
+            assert_eq!(agent.schedule.is_silent(0), !is_awaited);
+        }
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, R
     let colours = |mean: &dyn Fn(usize) -> [u8; 3]| -> Vec<[u8; 3]> {
         (0..width * height).map(|pixel| mean(pixel).map(|level| unclipped[usize::from(level)])).collect()
     };
-    let window = Window { image, depth };
+    let window = Window { side: [width, height], pixels: image.pixels.as_chunks().0, depth_m: &depth.metres };
     let guide = colours(&|pixel| window.mean(pixel, GUIDE_REACH, |_| 1));
     let weights = ColourWeights::new();
     let pixels = colours(&|pixel| window.mean(pixel, REACH, |other| weights.of(guide[pixel], guide[other])));
@@ -35,51 +35,53 @@ pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, R
 }
 
 /// Weights of pixels by the difference of their colours in the guide.
-struct ColourWeights([u32; Self::STEPS]);
+struct ColourWeights(Vec<u32>);
 
 impl ColourWeights {
-    const STEPS: usize = 256;
-    /// Squared differences per step; beyond the last step the weight is 0.
-    const STEP: i32 = 64;
+    /// Squared differences per step.
+    const STEP: u32 = 64;
+    /// Steps with a weight; the table has an entry for the largest difference, so that no colour needs a comparison.
+    const STEPS: u32 = 256;
+    const ENTRIES: u32 = 3 * 255 * 255 / Self::STEP + 1;
     /// Weight of equal colours. The sums over a window stay below 2^32.
     const WHOLE: f32 = 1000.0;
 
     fn new() -> Self {
-        let weight = |step: usize| {
-            let square = (step as i32 * Self::STEP) as f32;
+        let weight = |step: u32| {
+            let square = (step * Self::STEP) as f32;
             (Self::WHOLE * libm::expf(-0.5 * square / (SAME_COLOUR * SAME_COLOUR))) as u32
         };
-        Self(std::array::from_fn(weight))
+        Self((0..Self::ENTRIES).map(|step| if step < Self::STEPS { weight(step) } else { 0 }).collect())
     }
 
     fn of(&self, a: [u8; 3], b: [u8; 3]) -> u32 {
-        let square = |channel: usize| (i32::from(a[channel]) - i32::from(b[channel])).pow(2);
-        let step = (square(0) + square(1) + square(2)) / Self::STEP;
-        self.0.get(step as usize).copied().unwrap_or(0)
+        let square = |channel: usize| u32::from(a[channel].abs_diff(b[channel])).pow(2);
+        self.0[((square(0) + square(1) + square(2)) / Self::STEP) as usize]
     }
 }
 
 /// An image with the surfaces by depth.
 struct Window<'a> {
-    image: &'a RgbImage,
-    depth: &'a DepthImage,
+    side: [usize; 2],
+    pixels: &'a [[u8; 3]],
+    depth_m: &'a [f32],
 }
 
 impl Window<'_> {
     /// Returns the weighted mean colour of a pixel's surface within `reach` pixels to each side.
     fn mean(&self, pixel: usize, reach: usize, weight: impl Fn(usize) -> u32) -> [u8; 3] {
-        let [width, height] = [self.image.width as usize, self.image.height as usize];
-        let (row, column, here_m) = (pixel / width, pixel % width, self.depth.metres[pixel]);
+        let [width, height] = self.side;
+        let (row, column, here_m) = (pixel / width, pixel % width, self.depth_m[pixel]);
+        let columns = column.saturating_sub(reach)..(column + reach + 1).min(width);
         let (mut sums, mut total) = ([0_u32; 3], 0);
         for y in row.saturating_sub(reach)..(row + reach + 1).min(height) {
-            for other in y * width + column.saturating_sub(reach)..y * width + (column + reach + 1).min(width)
-            {
-                if (self.depth.metres[other] - here_m).abs() <= SAME_SURFACE * here_m {
-                    let weight = weight(other);
-                    let levels = &self.image.pixels[3 * other..3 * other + 3];
-                    sums.iter_mut().zip(levels).for_each(|(sum, level)| *sum += weight * u32::from(*level));
-                    total += weight;
-                }
+            let others = y * width + columns.start..y * width + columns.end;
+            let (pixels, depth_m) = (&self.pixels[others.clone()], &self.depth_m[others.clone()]);
+            for ((other, levels), other_m) in others.zip(pixels).zip(depth_m) {
+                let is_same = (other_m - here_m).abs() <= SAME_SURFACE * here_m;
+                let weight = if is_same { weight(other) } else { 0 };
+                (0..3).for_each(|channel| sums[channel] += weight * u32::from(levels[channel]));
+                total += weight;
             }
         }
         sums.map(|sum| ((sum + total / 2) / total.max(1)) as u8)
