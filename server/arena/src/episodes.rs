@@ -172,6 +172,7 @@ impl Arena {
             if needs_pictures {
                 prepared.scene.prepare_pictures();
             }
+            prepared.referee.world().prepare_sound();
             Ok::<_, Refusal>(prepared)
         };
         let turn = self.preparing.next(&run.team).await;

@@ -66,6 +66,11 @@ impl Ears {
         Self { channels, samples_per_step, heard_samples: 0, convolver }
     }
 
+    /// Computes or loads the paths of all sources, instead of when they first sound.
+    pub fn prepare(&self) {
+        self.channels.iter().for_each(|channel| channel.emitter.source.prepare());
+    }
+
     /// Bytes in ringing sound and filters, without sources and clips.
     pub fn resident_bytes(&self) -> usize {
         let channel = |channel: &Channel| {

@@ -20,21 +20,26 @@ const SOURCES_BYTES: usize = 64 << 20;
 pub struct Acoustics {
     building: Arc<Building>,
     /// Most recently used first.
-    sources: Mutex<VecDeque<(Key, Slot)>>,
+    sources: Mutex<VecDeque<Arc<Slot>>>,
     cache: Option<BuildingCache>,
 }
 
 /// Position bits.
 type Key = [u32; 3];
 
-// The first user computes the source while others wait.
-type Slot = Arc<OnceLock<Source>>;
-
-/// A sound source with precomputed paths through the building. Cheap to clone.
+/// A sound source with paths through the building, computed once, on first use. Cheap to clone.
 #[derive(Clone)]
 pub struct Source {
-    data: Arc<SourceData>,
+    slot: Arc<Slot>,
     head: Head,
+}
+
+struct Slot {
+    building: Arc<Building>,
+    position: Point3<f32>,
+    cache: Option<BuildingCache>,
+    // The first user computes the paths while others wait.
+    paths: OnceLock<SourcePaths>,
 }
 
 /// The first arriving wave.
@@ -53,9 +58,7 @@ pub(crate) struct Heard {
     pub(crate) echo: Vec<Slice>,
 }
 
-struct SourceData {
-    building: Arc<Building>,
-    position: Point3<f32>,
+struct SourcePaths {
     /// Entry point into room air: `position`, unless enclosed by furniture.
     outlet: Point3<f32>,
     field: GeodesicField,
@@ -96,57 +99,88 @@ impl Acoustics {
     /// Bytes in all cached sources.
     pub fn sources_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-        sources.iter().map(|(_, slot)| bytes_of(slot)).sum()
+        sources.iter().map(|slot| slot.byte_count()).sum()
     }
 
-    /// Returns the source at `position`, world frame, metres; computed on first use. Inside closed furniture,
-    /// the source plays from the adjacent air.
+    /// Returns the source at `position`, world frame, metres. Inside closed furniture, the source plays from the adjacent air.
     pub fn source(&self, position: &Point3<f32>) -> Source {
-        let key = [0, 1, 2].map(|axis| position[axis].to_bits());
-        self.slot(key).get_or_init(|| self.load_or_compute(position, key)).clone()
+        Source { slot: self.slot(position), head: self.building.settings.head.clone() }
     }
 
     /// Returns a source's slot, moved to the front; the oldest slots are dropped above the memory limit.
-    fn slot(&self, key: Key) -> Slot {
+    fn slot(&self, position: &Point3<f32>) -> Arc<Slot> {
         let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = sources.iter().position(|(known, _)| *known == key);
-        let slot = found.and_then(|index| sources.remove(index)).map_or_else(Slot::default, |(_, slot)| slot);
-        sources.push_front((key, Arc::clone(&slot)));
+        let found = sources.iter().position(|known| known.key() == key(position));
+        let new = || {
+            let (building, cache) = (Arc::clone(&self.building), self.cache.clone());
+            Arc::new(Slot { building, position: *position, cache, paths: OnceLock::new() })
+        };
+        let slot = found.and_then(|index| sources.remove(index)).unwrap_or_else(new);
+        sources.push_front(Arc::clone(&slot));
         let mut sum = 0;
-        let kept = sources.iter().take_while(|(_, slot)| {
-            sum += bytes_of(slot);
+        let kept = sources.iter().take_while(|slot| {
+            sum += slot.byte_count();
             sum <= SOURCES_BYTES
         });
         let kept = kept.count().max(1);
         sources.truncate(kept);
         slot
     }
+}
 
-    /// Reads the source from the cache, or computes and stores it.
+fn key(position: &Point3<f32>) -> Key {
+    [0, 1, 2].map(|axis| position[axis].to_bits())
+}
+
+impl Slot {
+    fn key(&self) -> Key {
+        key(&self.position)
+    }
+
+    /// Bytes in the paths; 0 until they are computed.
+    fn byte_count(&self) -> usize {
+        self.paths.get().map_or(0, SourcePaths::byte_count)
+    }
+
+    fn paths(&self) -> &SourcePaths {
+        self.paths.get_or_init(|| self.load_or_compute())
+    }
+
+    /// Reads the paths from the cache, or computes and stores them.
     // The span has no field: positions of sources are hidden facts.
     #[tracing::instrument(level = "debug", name = "sound_source", skip_all)]
-    fn load_or_compute(&self, position: &Point3<f32>, key: Key) -> Source {
+    fn load_or_compute(&self) -> SourcePaths {
         let Some(BuildingCache { cache, name }) = &self.cache else {
-            return Source::new(Arc::clone(&self.building), position);
+            return SourcePaths::new(&self.building, &self.position);
         };
-        let name = self.building.settings.source_name(name, key);
+        let name = self.building.settings.source_name(name, self.key());
         let found = cache.load_sound(&name);
-        let found = found.and_then(|bytes| Source::read(&bytes, Arc::clone(&self.building), position));
+        let found = found.and_then(|bytes| SourcePaths::read(&bytes, &self.building));
         found.unwrap_or_else(|| {
-            let source = Source::new(Arc::clone(&self.building), position);
-            cache.store_sound(&name, &source.to_bytes());
-            source
+            let paths = SourcePaths::new(&self.building, &self.position);
+            cache.store_sound(&name, &paths.to_bytes());
+            paths
         })
+    }
+
+    fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
+        let paths = self.paths();
+        if !finite(listener) || !finite(&paths.outlet) {
+            return Vec::new();
+        }
+        let mut arrivals = self.waves().arrivals(listener);
+        arrivals.extend(paths.images.arrivals(&self.building, listener, &arrivals));
+        arrivals
+    }
+
+    fn waves(&self) -> UnreflectedWaves<'_> {
+        let SourcePaths { field, outlet, .. } = self.paths();
+        UnreflectedWaves { building: &self.building, field, outlet }
     }
 }
 
-/// Bytes in a source; 0 until it is computed.
-fn bytes_of(slot: &Slot) -> usize {
-    slot.get().map_or(0, |source| source.data.byte_count())
-}
-
-impl Source {
-    fn new(building: Arc<Building>, position: &Point3<f32>) -> Self {
+impl SourcePaths {
+    fn new(building: &Building, position: &Point3<f32>) -> Self {
         let air = &building.air;
         let mut outlet = *position;
         let mut seeds = if finite(position) { air.visible_cells(position) } else { Vec::new() };
@@ -155,24 +189,13 @@ impl Source {
             outlet = seeds.first().map_or(outlet, |cell| air.grid.center(*cell));
         }
         let field = GeodesicField::new(air, &outlet, &seeds);
-        let images = Images::new(&building, &outlet);
-        let late = finite(&outlet).then(|| LateField::new(&building, &outlet, &images));
-        Self::of(SourceData { building, position: *position, outlet, field, images, late })
-    }
-
-    fn of(data: SourceData) -> Self {
-        let head = data.building.settings.head.clone();
-        Self { data: Arc::new(data), head }
-    }
-
-    /// Returns the source with a different head model.
-    #[must_use]
-    pub fn with_head(&self, head: &Head) -> Self {
-        Self { data: Arc::clone(&self.data), head: head.clone() }
+        let images = Images::new(building, &outlet);
+        let late = finite(&outlet).then(|| LateField::new(building, &outlet, &images));
+        Self { outlet, field, images, late }
     }
 
     fn to_bytes(&self) -> Vec<u8> {
-        let SourceData { outlet, field, images, late, .. } = &*self.data;
+        let Self { outlet, field, images, late } = self;
         let mut writer = Writer::default();
         writer.words(&[outlet.x, outlet.y, outlet.z].map(f32::to_bits));
         field.write(&mut writer);
@@ -183,19 +206,37 @@ impl Source {
         writer.bytes
     }
 
-    /// Reads the output of [`Source::to_bytes`]; `None` if it does not fit the building.
-    fn read(bytes: &[u8], building: Arc<Building>, position: &Point3<f32>) -> Option<Self> {
+    /// Reads the output of [`SourcePaths::to_bytes`]; `None` if it does not fit the building.
+    fn read(bytes: &[u8], building: &Building) -> Option<Self> {
         let mut reader = Reader::new(bytes);
         let outlet = Point3::from(*reader.words()?.first_chunk::<3>()?).map(f32::from_bits);
         let field = GeodesicField::read(&mut reader, &building.air)?;
-        let images = Images::read(&mut reader, &building, &outlet)?;
-        let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, &building)?) };
-        Some(Self::of(SourceData { building, position: *position, outlet, field, images, late }))
+        let images = Images::read(&mut reader, building, &outlet)?;
+        let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, building)?) };
+        Some(Self { outlet, field, images, late })
+    }
+
+    fn byte_count(&self) -> usize {
+        let late = self.late.as_ref().map_or(0, LateField::byte_count);
+        self.field.byte_count() + self.images.byte_count() + late
+    }
+}
+
+impl Source {
+    /// Computes or loads the paths, unless it has them.
+    pub fn prepare(&self) {
+        self.slot.paths();
+    }
+
+    /// Returns the source with a different head model.
+    #[must_use]
+    pub fn with_head(&self, head: &Head) -> Self {
+        Self { slot: Arc::clone(&self.slot), head: head.clone() }
     }
 
     /// Position, world frame, metres.
     pub fn position(&self) -> Point3<f32> {
-        self.data.position
+        self.slot.position
     }
 
     /// Returns the response at both ears. Empty for non-finite positions.
@@ -205,9 +246,9 @@ impl Source {
 
     /// Returns all arrivals at a position, independent of the heading.
     pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
-        let arrivals = self.data.arrivals(place);
-        let late = self.data.late.as_ref().filter(|_| !arrivals.is_empty());
-        let echo = late.map_or_else(Vec::new, |late| late.at(&self.data.building, place));
+        let arrivals = self.slot.arrivals(place);
+        let late = self.slot.paths().late.as_ref().filter(|_| !arrivals.is_empty());
+        let echo = late.map_or_else(Vec::new, |late| late.at(&self.slot.building, place));
         Heard { arrivals, echo }
     }
 
@@ -228,12 +269,12 @@ impl Source {
     }
 
     fn settings(&self) -> Settings {
-        Settings { head: self.head.clone(), ..self.data.building.settings.clone() }
+        Settings { head: self.head.clone(), ..self.slot.building.settings.clone() }
     }
 
     /// Returns the first wave. `None` for non-finite positions.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
-        let arrivals = self.data.arrivals(&listener.position);
+        let arrivals = self.slot.arrivals(&listener.position);
         let first = arrivals.first().filter(|_| listener.heading_rad.is_finite())?;
         Some(FirstWave {
             delay_s: first.delay_s(),
@@ -244,42 +285,22 @@ impl Source {
 
     /// Energy share that left the building through holes and open doors, 0 to 1.
     pub fn lost_share(&self) -> f32 {
-        self.data.late.as_ref().map_or(1.0, |late| late.lost_share)
+        self.slot.paths().late.as_ref().map_or(1.0, |late| late.lost_share)
     }
 
     pub(crate) fn response_samples(&self) -> usize {
-        self.data.building.settings.response_samples()
+        self.slot.building.settings.response_samples()
     }
 
     /// Shortest path length to `point`, metres; `None` if unreachable.
     pub fn distance_m(&self, point: &Point3<f32>) -> Option<f32> {
-        if !finite(point) || !finite(&self.data.outlet) {
+        if !finite(point) || !finite(&self.slot.paths().outlet) {
             return None;
         }
-        if self.data.building.air.rays.is_clear(point, &self.data.outlet) {
-            return Some((self.data.outlet - point).norm());
+        if self.slot.building.air.rays.is_clear(point, &self.slot.paths().outlet) {
+            return Some((self.slot.paths().outlet - point).norm());
         }
-        self.data.waves().shortest(point).map(|path| length_m(&path))
-    }
-}
-
-impl SourceData {
-    fn byte_count(&self) -> usize {
-        let late = self.late.as_ref().map_or(0, LateField::byte_count);
-        self.field.byte_count() + self.images.byte_count() + late
-    }
-
-    fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
-        if !finite(listener) || !finite(&self.outlet) {
-            return Vec::new();
-        }
-        let mut arrivals = self.waves().arrivals(listener);
-        arrivals.extend(self.images.arrivals(&self.building, listener, &arrivals));
-        arrivals
-    }
-
-    fn waves(&self) -> UnreflectedWaves<'_> {
-        UnreflectedWaves { building: &self.building, field: &self.field, outlet: &self.outlet }
+        self.slot.waves().shortest(point).map(|path| length_m(&path))
     }
 }
 

@@ -219,7 +219,7 @@ impl SceneAssets {
 
     /// Computes or loads a source's acoustics (world frame, metres).
     pub fn prepare_sound(&self, position: &Point3<f32>) {
-        self.source(position);
+        self.source(position).prepare();
     }
 
     /// Returns a meter for the levels of sound sources, each with the levels of its clip. Its sources are prepared
@@ -363,7 +363,7 @@ mod tests {
         });
         let seen = assets.resident_bytes();
         assert_eq!(seen, before - textures + assets.renderer.model().byte_count());
-        assets.source(&eye);
+        assets.prepare_sound(&eye);
         assert!(assets.resident_bytes() > seen);
     }
 

@@ -212,6 +212,11 @@ impl World {
         })
     }
 
+    /// Computes or loads the acoustics of all sources, instead of when they first sound.
+    pub fn prepare_sound(&self) {
+        self.ears.iter().for_each(Ears::prepare);
+    }
+
     /// Returns the body's largest memory, bytes, without the building: the ringing sound.
     pub fn most_bytes(&self) -> usize {
         self.ears.as_ref().map_or(0, Ears::max_bytes)

@@ -11,7 +11,8 @@ import numpy as np
 
 from avln.sim.vector import VectorEnv
 
-_WARM_UP_STEPS = 20
+_WARM_UP_STEPS = 100
+"""Four turns: every source has sounded once, and is prepared."""
 _WALKS = 3
 """Number of actions without Submit and Stop."""
 

@@ -99,7 +99,7 @@ fn version_changes_with_source_data() {
     let last = Arc::new(Last::default());
     let cache: Arc<dyn SoundCache> = Arc::clone(&last) as _;
     let acoustics = two_rooms(true).with_cache(Some(BuildingCache { cache, name: "flat".into() }));
-    acoustics.source(&point(2.5, 1.0, 1.5));
+    acoustics.source(&point(2.5, 1.0, 1.5)).prepare();
     let (name, bytes) = last.0.lock().unwrap().take().expect("a source");
     assert_eq!(
         (name.as_str(), hash(&bytes)),
@@ -122,6 +122,8 @@ fn sources_take_8_mb_and_environments_64_mb() {
     for (object, clip) in objects.zip(Bank::default().clips()) {
         let before = acoustics.resident_bytes();
         let source = acoustics.source(&object.bounds.center());
+        assert_eq!(acoustics.resident_bytes(), before, "computed on first use");
+        source.prepare();
         let bytes = acoustics.resident_bytes() - before;
         assert!((MB / 10..8 * MB).contains(&bytes), "{bytes} bytes of a source");
         emitters.push(Emitter { source, clip, offset_samples: 0 });

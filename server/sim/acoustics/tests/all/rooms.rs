@@ -200,7 +200,7 @@ fn query_order_does_not_change_sources() {
     let places = [point(1.0, 1.0, 1.0), point(6.0, 0.5, 3.0), source_beside_the_door()];
     let ask = |order: [usize; 3]| {
         let house = two_rooms(true);
-        order.iter().for_each(|index| drop(house.source(&places[*index])));
+        order.iter().for_each(|index| house.source(&places[*index]).prepare());
         places.map(|place| house.source(&place).impulse_response(&listener(5.0, 1.0, 20.0)))
     };
     assert_eq!(ask([0, 1, 2]), ask([2, 0, 1]));
