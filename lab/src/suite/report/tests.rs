@@ -104,6 +104,24 @@ fn every_question_has_a_test_a_chart_and_an_answer() {
 }
 
 #[test]
+fn hard_track_compares_sr_and_isr() {
+    let mut lines = sample();
+    lines.extend(row_of("pag-nav-plus", |_| 1).into_iter().map(|line| moved(line, "hard", "none")));
+    let page = page(&lines).page;
+    let table = part(&page, "### Hard track, unordered");
+    for row in [
+        "| SR: pag-nav-plus - sound-follower | ordered | 22 | +0.0",
+        "| ISR: pag-nav-plus - sound-follower | unordered | 22 | +50.0",
+    ] {
+        assert!(table.contains(row), "{row} in {table}");
+    }
+    assert!(
+        page.contains("significant differences: ISR: pag-nav-plus - sound-follower, ordered and ISR:"),
+        "{page}"
+    );
+}
+
+#[test]
 fn verdict_rows_are_compared_among_themselves() {
     let page = page(&sample()).page;
     let table = part(&page, "## Question 2: benefit of sound beyond vision and language");
