@@ -15,6 +15,7 @@ stage() {
     mkdir -p "$source/proto"
     cp README.md "$source/index.md"
     cp proto/PROTOCOL.md "$source/proto"
+    cp CONTRIBUTING.md "$source"
     cp -r docs "$source"
     rm "$source"/docs/{Cargo.toml,build.rs,lib.rs,SUMMARY.md,images/make.sh}
     {

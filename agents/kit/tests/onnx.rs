@@ -4,13 +4,20 @@ use avln_client::{GoalCue, Image, Mission, Observation, Pose, TaskSpec};
 use avln_kit::geometry::Pose2d;
 use avln_kit::onnx::{ModelsError, OnnxRecognition};
 use avln_kit::perception::Recognition;
-use std::{env, fs, path::Path, path::PathBuf, process::Command};
+use std::{env, fs, io::Write, path::Path, path::PathBuf, process::Command};
 
 const SIDE: u32 = 64;
 /// Environment variable with the path of ONNX Runtime, for an installation outside of Python.
 const LIBRARY: &str = "AVLN_ONNXRUNTIME";
 const FIND: &str = "import onnxruntime, glob, os; \
     print(glob.glob(os.path.join(os.path.dirname(onnxruntime.__file__), 'capi', 'libonnxruntime.so*'))[0])";
+
+/// Prints the skipped test; fails with `AVLN_SKIP=never`.
+fn skipped(what: &str) {
+    assert!(env::var_os("AVLN_SKIP").is_none_or(|skip| skip != "never"), "AVLN_SKIP is never, but {what}");
+    // Not `eprintln!`, which the test harness hides.
+    let _ = writeln!(std::io::stderr(), "skipped: {what}");
+}
 
 /// Finds ONNX Runtime; prints a hint and returns `None` if it is missing.
 fn library() -> Option<PathBuf> {
@@ -24,9 +31,9 @@ fn library() -> Option<PathBuf> {
     };
     let found = env::var_os(LIBRARY).map(PathBuf::from).or_else(python);
     if found.is_none() {
-        eprintln!(
-            "skipped: ONNX Runtime is missing; run `pip install onnxruntime`, or set {LIBRARY} to its library"
-        );
+        skipped(&format!(
+            "ONNX Runtime is missing; run `pip install onnxruntime`, or set {LIBRARY} to its library"
+        ));
     }
     found
 }
@@ -178,9 +185,9 @@ const CENTERNET: &str = "AVLN_CENTERNET";
 #[test]
 fn converted_centernet_runs() {
     let Some(models) = env::var_os(CENTERNET) else {
-        eprintln!(
-            "skipped: no converted CenterNet; run models/centernet.py, and set {CENTERNET} to its models.toml"
-        );
+        skipped(&format!(
+            "no converted CenterNet; run models/centernet.py, and set {CENTERNET} to its models.toml"
+        ));
         return;
     };
     let mut recognition = OnnxRecognition::load(Path::new(&models)).unwrap();

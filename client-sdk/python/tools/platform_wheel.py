@@ -15,12 +15,12 @@ class PlatformWheel(BuildHookInterface[Any]):
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Adds modules and programs, sets the tag `AVLN_WHEEL_TAG`, and requires Gymnasium."""
+        """Adds modules and programs, sets the tag `AVLN_WHEEL_TAG`, and requires the packages of avln.sim."""
         files = os.environ.get("AVLN_WHEEL_FILES")
         if files is None or version != "standard":
             return
         build_data["pure_python"] = False
-        build_data["dependencies"].append("gymnasium>=1.1")  # of avln.sim
+        build_data["dependencies"] += ["gymnasium>=1.1", "pillow>=10"]
         build_data["tag"] = os.environ["AVLN_WHEEL_TAG"]
         build_data["force_include"][str(Path(files, "package"))] = "avln"
         for path in Path(files, "scripts").iterdir():

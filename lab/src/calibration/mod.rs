@@ -11,7 +11,7 @@ use avln_client::{
 };
 use avln_dataset::Seed;
 use avln_episode::Rules;
-use avln_pag_nav::PagNav;
+use avln_pag_nav::{PagNav, Preset};
 use avln_store::Store;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
@@ -23,8 +23,8 @@ const SIDE: u32 = 128;
 const HOUSES: u32 = 3;
 const MISSIONS: usize = 4;
 const SEED: u64 = 1;
-/// Random agent's episode length, actions.
-const RANDOM_STEPS: u32 = 100;
+/// Most actions per episode: few, because a test plays all episodes.
+const MOST_STEPS: u32 = 150;
 
 /// The reference agents' observations and scores.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,29 +67,37 @@ pub struct CalibrationEpisode {
 /// A reference agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum ReferenceAgent {
-    /// Walks at random for 100 steps.
+    /// Walks at random.
     Random,
     /// PAG-Nav.
     PagNav,
+    /// PAG-Nav with all extensions.
+    PagNavPlus,
 }
 
 impl ReferenceAgent {
     /// All reference agents.
-    pub const ALL: [Self; 2] = [Self::Random, Self::PagNav];
+    pub const ALL: [Self; 3] = [Self::Random, Self::PagNav, Self::PagNavPlus];
 
     fn name(self) -> &'static str {
-        if self == Self::Random { "random" } else { "PAG-Nav" }
+        match self {
+            Self::Random => "random",
+            Self::PagNav => "PAG-Nav",
+            Self::PagNavPlus => "PAG-Nav+",
+        }
     }
 
     fn order(self) -> Order {
-        if self == Self::Random { Order::Ordered } else { Order::Unordered }
+        if self == Self::PagNav { Order::Unordered } else { Order::Ordered }
     }
 
     fn agent(self) -> DigestingAgent {
-        match self {
-            Self::Random => DigestingAgent::new(Box::new(RandomAgent::new(0)), RANDOM_STEPS),
-            Self::PagNav => DigestingAgent::new(Box::<PagNav>::default(), u32::MAX),
-        }
+        let agent: Box<dyn Agent + Send> = match self {
+            Self::Random => Box::new(RandomAgent::new(0)),
+            Self::PagNav => Box::new(PagNav::preset(Preset::PagNav)),
+            Self::PagNavPlus => Box::new(PagNav::preset(Preset::PagNavPlus)),
+        };
+        DigestingAgent { agent, episodes: Vec::new() }
     }
 }
 
@@ -242,18 +250,13 @@ pub fn is_current(published: &Calibration) -> bool {
     published.benchmark == BENCHMARK_VERSION
 }
 
-/// An agent that hashes missions, observations and actions.
+/// An agent that hashes missions, observations and actions, and stops after [`MOST_STEPS`].
 struct DigestingAgent {
     agent: Box<dyn Agent + Send>,
-    max_steps: u32,
     episodes: Vec<blake3::Hasher>,
 }
 
 impl DigestingAgent {
-    fn new(agent: Box<dyn Agent + Send>, max_steps: u32) -> Self {
-        Self { agent, max_steps, episodes: Vec::new() }
-    }
-
     /// Returns the hexadecimal hashes by episode.
     fn digests(&self) -> Vec<String> {
         self.episodes.iter().map(|hasher| hasher.finalize().to_hex().to_string()).collect()
@@ -276,7 +279,7 @@ impl Agent for DigestingAgent {
 
     fn act(&mut self, observation: &Observation) -> Action {
         let action = match self.agent.act(observation) {
-            _ if observation.step + 1 >= self.max_steps => Action::Stop,
+            _ if observation.step + 1 >= MOST_STEPS => Action::Stop,
             action => action,
         };
         if let Some(hasher) = self.episodes.last_mut() {

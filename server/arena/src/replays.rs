@@ -23,6 +23,7 @@ use std::{
     sync::Arc,
 };
 use tokio::task::spawn_blocking;
+use tracing::Span;
 
 /// A versioned scoring function.
 #[derive(Clone, Copy, Debug)]
@@ -214,7 +215,8 @@ impl ReplayRenderer for SceneRenderer {
     async fn render_view(&self, request: ViewRequest) -> Result<RenderedView, RenderError> {
         let phase = self.phase(&request.phase).await?;
         let scenes = self.scenes.clone();
-        let rendered = spawn_blocking(move || render_view(&phase, &scenes, &request)).await;
+        let span = Span::current();
+        let rendered = spawn_blocking(move || span.in_scope(|| render_view(&phase, &scenes, &request))).await;
         rendered.map_err(render_error)?
     }
 
@@ -226,7 +228,9 @@ impl ReplayRenderer for SceneRenderer {
         let facts = facts
             .ok_or_else(|| RenderError(format!("the record of episode {ordinal} of {run} is not stored")))?;
         let scenes = self.scenes.clone();
+        let span = Span::current();
         let rendered = spawn_blocking(move || {
+            let _entered = span.enter();
             // Changed missions, rules or clips would render another sound than the agent received.
             phase.check_digests(&then, &["split", "config"]).map_err(RenderError)?;
             render_sound(&phase, &scenes, &facts)

@@ -38,6 +38,8 @@ pub struct EnvState {
     /// Environment and number of the episode.
     env: u64,
     episode: u64,
+    /// Start position, metres, world frame: the same numbers of another source or seed are another episode.
+    start_m: [f32; 3],
     /// Actions with the state hashes after them.
     taken: Vec<(Action, u64)>,
     /// Next goal of the teachers, which depends on the way.
@@ -192,7 +194,14 @@ impl Env {
     pub fn state(&self) -> Result<EnvState, TrainingError> {
         let running = self.running.as_ref().ok_or(TrainingError::NotReset(self.number as usize))?;
         let taken = running.referee.facts().iter().map(|step| (step.action, step.state_hash)).collect();
-        Ok(EnvState { env: running.env, episode: running.episode, taken, routed: running.guide.routed })
+        let start_m = running.truth.start.position.coords.into();
+        Ok(EnvState {
+            env: running.env,
+            episode: running.episode,
+            start_m,
+            taken,
+            routed: running.guide.routed,
+        })
     }
 
     /// Restores a state of this or another environment with the same source, and writes its observation.
@@ -202,6 +211,9 @@ impl Env {
     pub fn restore(&mut self, state: &EnvState, row: &mut Row) -> Result<(), TrainingError> {
         row.check(&self.shared.layout)?;
         let mut running = Running::start(&self.shared, state.env, state.episode)?;
+        if state.start_m != <[f32; 3]>::from(running.truth.start.position.coords) {
+            return Err(TrainingError::State("its episode is of another source or seed".to_owned()));
+        }
         let goals = running.truth.targets.len();
         if let Some(goal) = state.routed.filter(|&goal| goal >= goals) {
             return Err(TrainingError::State(format!(

@@ -258,13 +258,13 @@ impl Recognition for NetworkRecognition {
 
     fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
-        let image = &*denoised(image, depth);
-        self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.
         if self.last.is_some_and(|last| last.sees_like(pose)) {
             return None;
         }
         self.last = Some(*pose);
+        let image = &*denoised(image, depth);
+        self.layout = Layout::of(image);
         let metres = Depth { metres: &depth.metres };
         let told = self.network.see(&picture(image), Some((&metres, &self.camera))).ok()?;
         let detection = |segment| self.detection(segment, &told, pose, (image, depth));

@@ -165,14 +165,17 @@ impl NativeVector {
 
     /// Ends all threads after their present step; further calls fail.
     fn close(&self, py: Python<'_>) {
-        let vector = lock(&self.vector).take();
-        py.detach(|| self.end(vector));
+        // In a forked child, a thread that does not exist there may hold the lock for ever.
+        if self.is_own() {
+            let vector = lock(&self.vector).take();
+            py.detach(|| drop(vector));
+        }
     }
 }
 
 impl NativeVector {
     fn with<T>(&self, call: impl FnOnce(&VectorEnv<NumpyRow>) -> PyResult<T>) -> PyResult<T> {
-        if std::process::id() != self.process {
+        if !self.is_own() {
             let message = "the environments belong to the parent process; create them after the fork";
             return Err(PyRuntimeError::new_err(message));
         }
@@ -185,20 +188,19 @@ impl NativeVector {
         buffer.ok_or_else(|| PyValueError::new_err("no such buffer"))?.take(row)
     }
 
-    fn end(&self, vector: Option<VectorEnv<NumpyRow>>) {
-        if std::process::id() == self.process {
-            drop(vector);
-        } else {
-            // A forked child has no worker threads to wait for.
-            std::mem::forget(vector);
-        }
+    /// Returns false in a forked child.
+    fn is_own(&self) -> bool {
+        std::process::id() == self.process
     }
 }
 
 impl Drop for NativeVector {
     fn drop(&mut self) {
-        let vector = lock(&self.vector).take();
-        self.end(vector);
+        // A forked child has no worker threads to wait for.
+        if !self.is_own() {
+            let vector = self.vector.get_mut().unwrap_or_else(PoisonError::into_inner);
+            std::mem::forget(vector.take());
+        }
     }
 }
 

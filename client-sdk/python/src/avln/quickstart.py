@@ -24,7 +24,7 @@ class Agent:
         if seen.remaining_steps == 1:
             return avln.Action.STOP
         if self.is_at_goal(seen):
-            return avln.Action.SUBMIT
+            return avln.Action.SUBMIT if seen.remaining_submits else avln.Action.STOP
         third = len(seen.depth) // 3
         ahead = seen.depth[third:-third, third:-third]  # metres, float32 [height, width]; 0: no surface in range
         is_free = ahead[ahead > 0].min(initial=9) > 0.75

@@ -28,6 +28,10 @@ PRIVILEGED = ("targets", "ids", "top_down")
 class SimError(RuntimeError):
     """An environment failed: an invalid action, a scene without missions, or a state of other episodes."""
 
+    results: Any = None
+    """What the failed `step_wait` or `recv` would have returned: valid for the other environments, without rewards of a
+    function."""
+
 
 @dataclass(frozen=True)
 class Folder:

@@ -198,7 +198,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         Returns observations, rewards f64 [num_envs], terminated and truncated bool [num_envs], and infos.
 
         Raises:
-            SimError: if an action is invalid, or an environment has no episode; all others have made their step.
+            SimError: if an action is invalid, or an environment has no episode. All others have made their step; the
+                error's `results` are those of the call.
         """
         self.step_async(actions)
         return self.step_wait()
@@ -233,8 +234,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         rewards, terminated, truncated = self._flags(results)
         infos = self._infos(turn)
         self._add_finals(infos, np.arange(self.num_envs), terminated | truncated)
-        self._raise_errors(results)
         observations = self._observations(turn)
+        self._raise_errors(results, (observations, rewards, terminated, truncated, infos))
         if self._reward is not None:
             rewards[:] = self._reward(observations, self._actions, infos)
         return observations, rewards, terminated, truncated, infos
@@ -273,12 +274,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         Returns as `step`, with copies of the rows of these environments.
 
         Raises:
-            SimError: if fewer steps are running, or one has failed.
+            SimError: if fewer steps are running, or one has failed; the others are in the error's `results`.
         """
         if self._running < self.batch_size:
             raise SimError(f"{self._running} steps are running, fewer than the batch size {self.batch_size}")
         results = self._received(self.batch_size)
-        self._raise_errors(results)
         envs = np.array([result[0] for result in results])
         rows = {
             name: np.stack([self._buffers[self._turn[env]][name][env] for env in envs]) for name, *_ in self._layout
@@ -287,6 +287,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         infos: dict[str, Any] = {name: rows.pop(name) for name, _, _, is_info in self._layout if is_info}
         infos["env_id"] = envs
         self._add_finals(infos, envs, flags[1] | flags[2])
+        self._raise_errors(results, (rows, *flags, infos))
         if self._reward is not None:
             flags[0] = np.asarray(self._reward(rows, self._actions[envs], infos), np.float64)
         return rows, flags[0], flags[1], flags[2], infos
@@ -375,10 +376,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         infos.update(final_obs=observations, _final_obs=is_over.copy(), final_info=details, _final_info=is_over.copy())
 
     @staticmethod
-    def _raise_errors(results: list[Any]) -> None:
+    def _raise_errors(results: list[Any], returned: Any = None) -> None:
         messages = [message for *_, message in results if message]
         if messages:
-            raise SimError("; ".join(sorted(set(messages))))
+            error = SimError("; ".join(sorted(set(messages))))
+            error.results = returned
+            raise error
 
 
 def _space(name: str, kind: str, shape: list[int], most: dict[str, float]) -> spaces.Space[Any]:

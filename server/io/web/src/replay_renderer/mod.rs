@@ -193,7 +193,12 @@ fn failed(what: &str, error: &RenderError) -> RequestError {
 async fn on_blocking_thread<T: Send + 'static>(
     work: impl FnOnce() -> Option<T> + Send + 'static,
 ) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.ok().flatten().ok_or(RequestError::Internal)
+    let span = tracing::Span::current();
+    tokio::task::spawn_blocking(move || span.in_scope(work))
+        .await
+        .ok()
+        .flatten()
+        .ok_or(RequestError::Internal)
 }
 
 const MAX_SIDE_PX: u32 = 320;

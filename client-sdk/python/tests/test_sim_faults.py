@@ -1,0 +1,224 @@
+"""Tests of bad input and interruptions in training environments: each error names its item, and the others go on."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("gymnasium", reason="pip install gymnasium")
+
+from server import WHAT_TO_DO, program
+from sim_envs import SMALL, vector
+
+import avln.sim
+
+pytestmark = pytest.mark.usefixtures("native_module")
+
+IS_WINDOWS = sys.platform == "win32"
+
+
+def test_an_invalid_action_leaves_63_results() -> None:
+    envs = vector(64, senses=("depth",))
+    envs.reset(seed=1)
+    actions = np.zeros(64, np.int64)
+    actions[40] = 9
+    with pytest.raises(avln.sim.SimError, match="environment 40: action 9 does not exist") as caught:
+        envs.step(actions)
+    observations, rewards, terminated, *_ = caught.value.results
+    assert np.delete(observations["remaining"][:, 0], 40).tolist() == [999] * 63
+    assert rewards.shape == terminated.shape == (64,)
+    envs.close()
+
+
+def test_an_invalid_action_in_a_batch_leaves_the_others() -> None:
+    envs = vector(2)
+    envs.reset(seed=1)
+    envs.send([0, 9], [0, 1])
+    with pytest.raises(avln.sim.SimError, match="environment 1: action 9") as caught:
+        envs.recv()
+    rows, *_, infos = caught.value.results
+    row = infos["env_id"].tolist().index(0)
+    assert rows["remaining"][row, 0] == 999
+    envs.close()
+
+
+def test_errors_of_reward_functions_pass_through() -> None:
+    def failing(*_: Any) -> Any:
+        raise ZeroDivisionError("no reward")
+
+    env = avln.sim.Env(reward=failing, **SMALL, senses=("depth",))
+    env.reset(seed=1)
+    with pytest.raises(ZeroDivisionError, match="no reward"):
+        env.step(0)
+    env.close()
+    envs = vector(2, batch_size=1, reward=failing)
+    envs.reset(seed=1)
+    envs.send([0, 0], [0, 1])
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError, match="no reward"):
+            envs.recv()
+    envs.close()
+
+
+@pytest.mark.skipif(IS_WINDOWS, reason="no signals")
+def test_ctrl_c_leaves_the_results_of_a_step() -> None:
+    envs = vector(24, size=512, threads=1)
+    envs.reset(seed=1)
+    envs.step_async([0] * 24)
+    timer = threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        envs.step_wait()
+    observations, *_ = envs.step_wait()
+    assert observations["remaining"][:, 0].tolist() == [999] * 24
+    timer.join()
+    envs.close()
+
+
+def test_other_threads_run_during_a_step() -> None:
+    envs = vector(24, size=512, threads=1)
+    envs.reset(seed=1)
+    ticks: list[float] = []
+    is_over = threading.Event()
+
+    def tick() -> None:
+        while not is_over.wait(0.001):
+            ticks.append(time.monotonic())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    began = time.monotonic()
+    envs.step([0] * 24)
+    ended = time.monotonic()
+    is_over.set()
+    thread.join()
+    assert sum(began < tick < ended for tick in ticks) >= 5, f"{ended - began} s"
+    envs.close()
+
+
+def test_arrays_are_reused_after_two_steps() -> None:
+    envs = vector(1, senses=("depth",))
+    envs.reset(seed=1)
+    depths = [envs.step([1])[0]["depth"] for _ in range(3)]
+    assert np.shares_memory(depths[0], depths[2])
+    assert not np.shares_memory(depths[0], depths[1])
+    envs.close()
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+    command = [sys.executable, "-c", code]
+    environment = {**os.environ, "PYTHONPATH": path}
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=environment)
+
+
+def test_the_interpreter_ends_during_a_step() -> None:
+    done = run_python(
+        "from sim_envs import vector\nenvs = vector(24, size=512, threads=1)\nenvs.reset(seed=1)\n"
+        "envs.step_async([0] * 24)\nprint('running')"
+    )
+    assert (done.returncode, done.stdout) == (0, "running\n"), done.stderr
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read in /proc")
+def test_dropped_environments_leave_no_memory() -> None:
+    done = run_python(
+        "import os\nfrom avln.sim.bench import _resident_mib\nfrom sim_envs import vector\n\n"
+        "def measure():\n    for _ in range(3):\n        vector(senses=('depth',)).reset(seed=1)\n"
+        "    return _resident_mib(), len(os.listdir('/proc/self/task'))\n\n"
+        "(before_mib, before), (after_mib, after) = measure(), measure()\n"
+        "print(after - before, round(after_mib - before_mib))"
+    )
+    threads, grown_mib = map(int, done.stdout.split())
+    # A house takes about 30 MiB.
+    assert threads == 0
+    assert grown_mib < 15, done.stdout
+
+
+@pytest.mark.skipif(IS_WINDOWS, reason="no fork")
+def test_forked_children_close_what_their_parent_waits_for() -> None:
+    envs = vector(24, size=512, threads=1)
+    envs.reset(seed=1)
+    envs.step_async([0] * 24)
+    waiting = threading.Thread(target=envs.step_wait)
+    waiting.start()
+    time.sleep(0.02)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        child = os.fork()
+    if child == 0:
+        envs.close()
+        os._exit(0)
+    deadline = time.monotonic() + 60.0
+    while (status := os.waitpid(child, os.WNOHANG)) == (0, 0) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    waiting.join()
+    envs.close()
+    assert status[0] == child, "the child hangs"
+    assert os.waitstatus_to_exitcode(status[1]) == 0
+
+
+def test_states_of_another_seed_are_refused() -> None:
+    env = avln.sim.Env(**SMALL, senses=("depth",))
+    env.reset(seed=1)
+    env.step(1)
+    state = env.state()
+    first, *_ = env.step(0)
+    env.restore(state)
+    again, *_ = env.step(0)
+    assert np.array_equal(first["depth"], again["depth"])
+    env.reset(seed=2)
+    with pytest.raises(avln.sim.SimError, match="another source or seed"):
+        env.restore(state)
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def houses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set of the recipe `mini`, and a house file."""
+    binary = program()
+    if binary is None:
+        pytest.skip(WHAT_TO_DO)
+    folder = tmp_path_factory.mktemp("houses")
+    for arguments in (
+        ["data", "dataset", "build", "mini", "--out", "mini"],
+        ["scene", "export", "--seed", "3", "house.glb"],
+    ):
+        subprocess.run([binary, "--data", "data", *arguments], cwd=folder, check=True, capture_output=True, timeout=280)
+    return folder
+
+
+def test_evaluation_splits_are_refused(houses: Path) -> None:
+    with pytest.raises(ValueError, match=re.escape("split 'val' has houses of the pool 'validation'")):
+        avln.sim.Env(avln.sim.Folder(houses / "mini", "val"), **SMALL)
+    with pytest.raises(ValueError, match=re.escape("has no split 'test'; it has: val")):
+        avln.sim.Env(avln.sim.Folder(houses / "mini", "test"), **SMALL)
+
+
+def test_scans_are_played(houses: Path) -> None:
+    env = avln.sim.Env(avln.sim.Scan(houses / "house.glb"), **{**SMALL, "senses": ("depth",)})
+    observation, _ = env.reset(seed=1)
+    assert observation["depth"].shape == (64, 64)
+    assert env.step(0)[0]["remaining"][0] == 999
+    env.close()
+
+
+def test_films_are_gif_without_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("PIL.Image", reason="pip install pillow")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    options = {**SMALL, "curriculum": replace(SMALL["curriculum"], max_steps=1)}
+    path = avln.sim.record(tmp_path / "film.mp4", options, lambda *_: 1)
+    assert path.name == "film.gif"
+    assert path.read_bytes().startswith(b"GIF89a")
