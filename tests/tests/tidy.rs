@@ -1,6 +1,6 @@
-//! Style of names, comments and documents.
+//! Style of names, comments and documents, and schemas of the workflows.
 
-use avln_tests::machine::{files, root, shown, text};
+use avln_tests::machine::{self, files, root, shown, text};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -189,4 +189,20 @@ fn files_fit_the_limit() {
     let long = product().into_iter().filter(|source| source.text.lines().count() > MOST_LINES);
     let found: Vec<_> = long.map(|source| shown(&source.path)).collect();
     assert!(found.is_empty(), "more than {MOST_LINES} lines:\n{}", findings(found));
+}
+
+#[test]
+fn workflows_follow_their_schemas() {
+    let files = [
+        ("vendor.github-workflows", ".github/workflows/ci.yml"),
+        ("vendor.github-workflows", ".github/workflows/release.yml"),
+        ("vendor.dependabot", ".github/dependabot.yml"),
+    ];
+    for (schema, file) in files {
+        let what = format!("the schema of {file}");
+        let python = machine::python(&what, &["check_jsonschema"], "pip install check-jsonschema");
+        let Some(mut check) = python else { return };
+        check.args(["-m", "check_jsonschema", "--builtin-schema", schema, file]).current_dir(root());
+        machine::succeeds(&what, check);
+    }
 }

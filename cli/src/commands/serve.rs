@@ -109,7 +109,7 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let urls = PublicUrls { web: given(args.web_url), grpc: given(args.grpc_url) };
     // Links may lead to the local address, but only a given one is canonical.
     let link_url = urls.web.clone().or_else(|| servers.web_url());
-    servers = servers.with_public_urls(urls);
+    servers = servers.with_public_urls(urls.clone());
     if let AdminListener(Some(address)) = args.admin {
         servers = servers.with_admin(address).await?;
     }
@@ -134,7 +134,7 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let open = servers.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());
     say!("phases       {}", phases.join(", "));
-    print_addresses(&open);
+    print_addresses(&open, urls);
     for warning in memory_warnings {
         eprintln!("warning: {warning}");
     }
@@ -147,9 +147,11 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     ended
 }
 
-fn print_addresses(open: &RunningServers) {
-    say!("agents       {}://{}", open.scheme(), reachable(open.grpc));
-    say!("leaderboard  {}://{}", open.scheme(), reachable(open.web));
+/// Prints the public addresses, where they are known: behind a port mapping or a proxy, the local ones cannot be reached.
+fn print_addresses(open: &RunningServers, urls: PublicUrls) {
+    let local = |address| format!("{}://{}", open.scheme(), reachable(address));
+    say!("agents       {}", urls.grpc.unwrap_or_else(|| local(open.grpc)));
+    say!("leaderboard  {}", urls.web.unwrap_or_else(|| local(open.web)));
     if let Some(admin) = open.admin {
         say!("operator     http://{admin}");
     }

@@ -45,6 +45,24 @@
 //! # }
 //! ```
 //!
+//! An agent needs no server to be tested:
+//!
+//! ```
+//! # use avln_client::{Action, Agent, Mission, Observation, TaskSpec};
+//! struct Turning;
+//!
+//! impl Agent for Turning {
+//!     fn begin(&mut self, _task: &TaskSpec, _mission: &Mission) {}
+//!
+//!     fn act(&mut self, seen: &Observation) -> Action {
+//!         if seen.remaining_steps == 1 { Action::Stop } else { Action::TurnLeft }
+//!     }
+//! }
+//!
+//! let last = Observation { remaining_steps: 1, ..Observation::default() };
+//! assert_eq!(Turning.act(&last), Action::Stop);
+//! ```
+//!
 //! # Episodes
 //!
 //! Programs with a custom loop request episodes and take steps. [`Play::episodes`] returns a stream of owned episodes, which

@@ -38,17 +38,20 @@ impl DataFolder {
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
             Failure::file("write to data folder", root, error)
-                .hinted("choose another folder with --data FOLDER, or add write permission")
+                .hinted(
+                    "choose another folder with --data FOLDER, or add write permission; the volume of a container \
+                     belongs to user 10001: docker run --rm --user 0 --volume VOLUME:/data avln-server chown -R 10001 /data",
+                )
         };
         let folders = [root.to_owned(), root.join("splits")];
         folders.iter().try_for_each(|folder| create_folder(folder)).map_err(failed)?;
+        probe(&root.join(".writable")).map_err(failed)?;
         if let Err(error) = folders.iter().try_for_each(|folder| make_private(folder)) {
             let root = root.display();
             eprintln!(
                 "warning: other users may read data folder {root}: {error}; its owner can run: chmod -R go= {root}"
             );
         }
-        probe(&root.join(".writable")).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
         Ok(Self { root })
     }

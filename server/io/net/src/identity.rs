@@ -52,7 +52,7 @@ impl Identity {
     /// If a file cannot be read or has other content, or certificate and key do not match.
     pub fn read(certificate: &Path, key: &Path) -> Result<Self, TlsError> {
         let files = ReloadingFiles::read(certificate, key)?;
-        let warning = out_of_date(&files.loaded.lock().certified.cert)
+        let warning = client_problem(&files.loaded.lock().certified.cert)
             .map(|problem| format!("the certificate in {} {problem}", certificate.display()));
         let config = ServerConfig::builder_with_provider(provider())
             .with_safe_default_protocol_versions()
@@ -118,7 +118,7 @@ impl ReloadingFiles {
         loaded.versions = versions;
         match read_pair(&self.certificate, &self.key) {
             Ok(certified) => {
-                if let Some(problem) = out_of_date(&certified.cert) {
+                if let Some(problem) = client_problem(&certified.cert) {
                     tracing::warn!(certificate = %self.certificate.display(), problem, "new certificate");
                 }
                 tracing::info!(certificate = %self.certificate.display(), "the certificate was reloaded");
@@ -190,7 +190,7 @@ fn unusable(certificate: &Path, key: &Path, error: &RustlsError) -> TlsError {
 }
 
 /// Returns a problem with the certificate's dates.
-fn out_of_date(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
+fn client_problem(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
     // The chain serves as root too: clients judge the issuer, only the dates matter here.
     let own = chain.first()?;
     let mut roots = RootCertStore::empty();
@@ -204,6 +204,14 @@ fn out_of_date(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
         Err(RustlsError::InvalidCertificate(
             CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. },
         )) => Some("is not valid yet; agents will refuse it"),
+        // rustls passes this error on as text.
+        Err(RustlsError::InvalidCertificate(CertificateError::Other(other)))
+            if other.to_string().contains("CaUsedAsEndEntity") =>
+        {
+            Some(
+                "is that of an authority; agents will refuse it: have it issue a certificate for this server",
+            )
+        }
         _ => None,
     }
 }
@@ -211,7 +219,7 @@ fn out_of_date(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rcgen::{CertificateParams, KeyPair};
+    use rcgen::{BasicConstraints, CertificateParams, IsCa, KeyPair};
 
     /// Writes certificate and key with a modification time. Returns the certificate in DER form.
     fn write(folder: &Path, names: &[&str], modified: SystemTime) -> Vec<u8> {
@@ -226,6 +234,19 @@ mod tests {
             }
         }
         certificate.der().to_vec()
+    }
+
+    #[test]
+    fn certificates_of_authorities_are_reported() {
+        let warning = |is_ca: IsCa| {
+            let mut params = CertificateParams::new(["localhost".to_owned()]).unwrap();
+            params.is_ca = is_ca;
+            let certificate = params.self_signed(&KeyPair::generate().unwrap()).unwrap();
+            client_problem(&[certificate.der().clone()])
+        };
+        assert_eq!(warning(IsCa::NoCa), None);
+        let found = warning(IsCa::Ca(BasicConstraints::Unconstrained)).expect("a warning");
+        assert!(found.contains("is that of an authority"), "{found}");
     }
 
     #[test]

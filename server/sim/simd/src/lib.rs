@@ -3,6 +3,23 @@
 //! The `README.md` of this crate contains the soundness arguments.
 //!
 //! This crate never contains knowledge about scenes or images.
+//!
+//! ```
+//! use avln_simd::{Width, Work, run_at};
+//!
+//! struct Sum<'a>(&'a [f32]);
+//!
+//! impl Work for Sum<'_> {
+//!     type Output = f32;
+//!
+//!     #[inline(always)]
+//!     fn run(self) -> f32 {
+//!         self.0.iter().sum()
+//!     }
+//! }
+//!
+//! assert_eq!(run_at(Width::Eight, Sum(&[1.0, 2.0, 3.5])), 6.5);
+//! ```
 
 use memmap2::Mmap;
 use std::fs::File;
