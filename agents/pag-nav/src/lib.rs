@@ -34,7 +34,7 @@
 //! - Frontiers behind unknown cells count only if no others are reachable. The gate also demands a free line of sight on the map. A frame
 //!   that should show the candidate from near but does not lowers its s_vis.
 //! - Images with much colour noise are denoised first. s_vis is a mean over about four views, in which older ones fade; views
-//!   that the image border cuts off count a quarter. A_bear merges similar bearings, and keeps 200.
+//!   that the image border cuts off count a quarter. A_bear merges similar bearings; the limit is 200.
 //! - Frontiers that were visited, or are nearer than 0.4 m, are skipped. The current o* has a bonus in S_ground, `loyalty`. A candidate
 //!   that was viewed without success, or sought for too long, is set aside until the rest was searched.
 //! - Without a verdict, a goal counts as completed after its Submit. A wrong verdict refutes the object.

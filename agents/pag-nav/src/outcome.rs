@@ -262,7 +262,7 @@ mod tests {
             assert_eq!(agent.decide(&here), Action::Submit);
             assert_eq!(agent.pending.expect("a Submit").heard.is_some(), is_awaited, "{silence:?}");
             agent.settle(Feedback::None, None, here.place);
-            // Without evidence the goal counts as completed, and its source sounds until the end of its turn.
+            // Without evidence the goal counts as completed, and the source sounds until the end of its turn.
             assert_eq!(agent.mission.is_active(0), is_awaited);
             assert_eq!(agent.schedule.advance(), Some(0));
             assert_eq!(agent.schedule.is_silent(0), !is_awaited);

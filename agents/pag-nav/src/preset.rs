@@ -56,8 +56,8 @@ pub struct Switches {
     pub joint_association: bool,
     /// Searches other storeys by known stairs.
     pub stairs: bool,
-    /// Waits at the gate for the target's sound, and infers the outcome from its silence, unless the silence begins only after its turn;
-    /// needs count_windows.
+    /// Waits at the gate for the target's sound, and infers the outcome from silence, unless found targets complete their turn; needs
+    /// count_windows.
     pub silence_outcomes: bool,
 }
 

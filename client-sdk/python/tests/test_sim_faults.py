@@ -1,4 +1,4 @@
-"""Tests of bad input and interruptions in training environments: each error names its item, and the others go on."""
+"""Tests of bad input and interruptions in training environments: each error names an item, and the others go on."""
 
 from __future__ import annotations
 
