@@ -46,7 +46,8 @@ impl Preset {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Switches {
-    /// Estimates the positions of sound sources from bearings and levels.
+    /// Estimates the positions of sound sources from bearings and levels. A located source at a candidate lowers the floor of s_vis from
+    /// `verify_unheard` to `verify_floor`. A near source extends the search on the storey, distant ones shorten it.
     pub source_positions: bool,
     /// Counts sounding windows to separate the sources.
     pub count_windows: bool,
