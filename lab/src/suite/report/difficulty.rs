@@ -168,11 +168,12 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
 
 fn hard_contrasts(track: &TrackResults<'_>) -> Vec<Contrast> {
     // Complete missions are rare on this track: ISR, their found share, shows smaller differences.
-    let cases: Vec<_> = BELOW.iter().flat_map(|below| [("SR", *below), ("ISR", *below)]).collect();
-    family(&cases, |order, (number, below)| {
-        let of = |line: &ResultLine| if *number == "SR" { line.metrics.sr } else { line.metrics.isr };
-        let test = track.row(FULL, order).minus(&track.row(below, order), |line| Some(of(line)))?;
-        Some((format!("{number}: {FULL} - {below}"), test))
+    let numbers: [(&str, fn(&ResultLine) -> f64); 2] =
+        [("SR", |line| line.metrics.sr), ("ISR", |line| line.metrics.isr)];
+    let cases: Vec<_> = BELOW.iter().flat_map(|below| numbers.map(|number| (*below, number))).collect();
+    family(&cases, |order, (below, (name, number))| {
+        let test = track.row(FULL, order).minus(&track.row(below, order), |line| Some(number(line)))?;
+        Some((format!("{name}: {FULL} - {below}"), test))
     })
 }
 

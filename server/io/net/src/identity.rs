@@ -189,9 +189,9 @@ fn unusable(certificate: &Path, key: &Path, error: &RustlsError) -> TlsError {
     }
 }
 
-/// Returns a problem with the certificate's dates.
+/// Returns a problem of the certificate for which clients refuse it: dates, or an authority's certificate.
 fn client_problem(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
-    // The chain serves as root too: clients judge the issuer, only the dates matter here.
+    // The chain serves as root too: clients judge the issuer.
     let own = chain.first()?;
     let mut roots = RootCertStore::empty();
     roots.add_parsable_certificates(chain.iter().cloned());
