@@ -166,10 +166,12 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
     section
 }
 
+/// A number of an episode.
+type Number = fn(&ResultLine) -> f64;
+
 fn hard_contrasts(track: &TrackResults<'_>) -> Vec<Contrast> {
     // Complete missions are rare on this track: ISR, their found share, shows smaller differences.
-    let numbers: [(&str, fn(&ResultLine) -> f64); 2] =
-        [("SR", |line| line.metrics.sr), ("ISR", |line| line.metrics.isr)];
+    let numbers: [(&str, Number); 2] = [("SR", |line| line.metrics.sr), ("ISR", |line| line.metrics.isr)];
     let cases: Vec<_> = BELOW.iter().flat_map(|below| numbers.map(|number| (*below, number))).collect();
     family(&cases, |order, (below, (name, number))| {
         let test = track.row(FULL, order).minus(&track.row(below, order), |line| Some(number(line)))?;
