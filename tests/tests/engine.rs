@@ -19,6 +19,9 @@ const PROJECT: &str = "avln-test";
 const DATA: &str = "avln-test-data";
 const BACKUPS: &str = "avln-test-backups";
 const PROBE: &str = "avln-test-probe";
+/// A network with an address of this machine, as engines before Docker 28 create it.
+const NOT_ISOLATED: &str = "networks: { sealed: { driver_opts: {
+    com.docker.network.bridge.gateway_mode_ipv4: nat, com.docker.network.bridge.gateway_mode_ipv6: nat } } }\n";
 /// Longest wait for a condition.
 const PATIENCE: Duration = Duration::from_secs(180);
 /// Separates the tests, which share project and images.
@@ -175,9 +178,14 @@ impl Engine {
 
     /// Runs a sealed agent; returns whether it succeeded, and the output.
     fn seal(&self, image: &str, command: &str, token: &str) -> (bool, String) {
+        self.seal_with(image, command, token, "")
+    }
+
+    /// Runs a sealed agent with additional lines of the Compose file.
+    fn seal_with(&self, image: &str, command: &str, token: &str, lines: &str) -> (bool, String) {
         let agent =
             format!("{{ image: '{image}', command: '{command}', environment: {{ AVLN_TOKEN: '{token}' }} }}");
-        fs::write(self.path("agent.yaml"), format!("services: {{ sealed-agent: {agent} }}\n"))
+        fs::write(self.path("agent.yaml"), format!("services: {{ sealed-agent: {agent} }}\n{lines}"))
             .expect("a file");
         let output = self.try_compose("sealed", &["up", "--no-color", "--exit-code-from", "sealed-agent"]);
         (output.status.success(), said(&output))
@@ -365,10 +373,15 @@ fn challenge_and_sealed_agent_play() {
     assert!(backups().contains(".tar"), "backups survive `down --volumes`");
 
     engine.docker(&["build", "--tag", PROBE, &engine.path("probe").display().to_string()]);
-    if !engine.isolates() {
-        let (succeeded, refused) = engine.seal(PROBE, "/probe.sh", &token);
+    let refuses = |lines: &str| {
+        let (succeeded, refused) = engine.seal_with(PROBE, "/probe.sh", &token, lines);
         assert!(!succeeded && refused.contains("requires Docker 28 or later"), "{refused}");
         assert!(!refused.contains("gRPC server: open"), "no agent starts: {refused}");
+    };
+    refuses(NOT_ISOLATED);
+    engine.compose("sealed", &["down"]);
+    if !engine.isolates() {
+        refuses("");
         return;
     }
     let (_, probed) = engine.seal(PROBE, "/probe.sh", &token);

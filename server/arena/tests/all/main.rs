@@ -1,8 +1,10 @@
-//! Challenge files, and damaged files of every kind. Here: files of a data folder, private to their owner and compared with
-//! their digests at the start, and a data folder for tests of challenge files, made once and copied for each test.
+//! Challenge files, damaged files of every kind, and a simulation of the server. Here: files of a data folder, private to their
+//! owner and compared with their digests at the start, and a data folder for tests of challenge files, made once and copied for each
+//! test.
 
 mod challenge;
 mod mangled;
+mod simulation;
 
 use avln_arena::{
     Arena, Failure, FailureKind,

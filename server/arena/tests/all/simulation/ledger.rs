@@ -1,6 +1,6 @@
 //! Quotas by the rules of `PROTOCOL.md`, computed from the rows of the database.
 
-use crate::{
+use super::{
     database::{EpisodeRow, GrantRow, PhaseRow, Rows, RunRow},
     setting::PhaseSetting,
 };

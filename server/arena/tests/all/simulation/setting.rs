@@ -208,7 +208,7 @@ async fn make(folder: &Path) {
         store.create_team(team, None, START_UNIX_MS).await.expect("a team");
     }
     store.close().await;
-    crate::database::Database::open(&folder.join("avln.db")).await.prepare().await;
+    super::database::Database::open(&folder.join("avln.db")).await.prepare().await;
 }
 
 fn copy(from: &Path, to: &Path) -> io::Result<()> {

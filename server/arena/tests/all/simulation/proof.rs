@@ -1,7 +1,7 @@
 //! Properties of all rows: no episode is scored twice or lost, quotas equal the ledger, and runs end in time. Proof at the end of a
 //! world that nothing is stuck or lost.
 
-use crate::{
+use super::{
     agent::{Checked, Connection, RunFacts, check, sensors},
     database::{Database, EpisodeRow, Rows, RunRow},
     ledger::Ledger,

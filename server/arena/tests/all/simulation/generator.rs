@@ -1,6 +1,6 @@
 //! Steps of a simulation, drawn at random.
 
-use crate::{
+use super::{
     agent::{Agent, Connection, sensors},
     database::FRAGILE_STATEMENTS,
     server::{Answer, Life, Subject, authorised},
@@ -208,7 +208,7 @@ impl World {
             self.watches.clear();
         }
         if let Ok(Ok(watch)) =
-            tokio::time::timeout(crate::server::AT_ONCE, life.runs().watch_run(request)).await
+            tokio::time::timeout(super::server::AT_ONCE, life.runs().watch_run(request)).await
         {
             self.watches.push(watch.into_inner());
         }

@@ -1,7 +1,7 @@
 //! A simulated world: servers in succession on one data folder, the agents, the organiser, everything known about their runs, and
 //! a trace of all events.
 
-use crate::{
+use super::{
     agent::{Agent, RunFacts},
     database::Rows,
     ledger::Ledger,

@@ -1,6 +1,6 @@
 //! A life of the simulated server: from its start to a crash or an orderly stop; unary calls to it.
 
-use crate::{
+use super::{
     database::Database,
     host::{Border, Faults, Issued, SimulatedHost},
     setting::Place,

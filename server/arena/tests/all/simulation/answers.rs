@@ -1,6 +1,6 @@
 //! Answers of the server: frames, statuses and answers to unary calls, compared with everything known before.
 
-use crate::{
+use super::{
     agent::{Agent, RunFacts, reason},
     server::{Answer, Life, Subject},
     world::World,

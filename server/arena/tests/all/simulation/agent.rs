@@ -1,6 +1,6 @@
 //! Agents: streams, and unary calls, of a run token; a run as its agent knows it, where every frame must agree with those before.
 
-use crate::{
+use super::{
     server::{AT_ONCE, Life, authorised},
     setting::SLOTS,
 };

@@ -35,6 +35,7 @@ fn number(name: &str) -> Option<u64> {
 
 /// Plays a world. Returns the digest of its events.
 fn simulate(seed: u64, steps: u64) -> String {
+    let _memory = crate::MEMORY.blocking_read();
     let begun = Instant::now();
     let mut world = World::new(seed, steps);
     let ended = world.run();
@@ -43,7 +44,7 @@ fn simulate(seed: u64, steps: u64) -> String {
         let World { step, trace, .. } = &world;
         panic!(
             "simulation with seed {seed}, step {step}: {violation}\nlast events:\n{trace}\
-             repeat with: AVLN_SIMULATION_SEED={seed} AVLN_SIMULATION_STEPS={steps} cargo test -p avln-arena --test simulation"
+             repeat with: AVLN_SIMULATION_SEED={seed} AVLN_SIMULATION_STEPS={steps} cargo test -p avln-arena --test all simulation"
         );
     }
     println!("seed {seed}: {}, digest {digest}, {:.1} s", world.summary(), begun.elapsed().as_secs_f64());
