@@ -270,7 +270,7 @@ mod baselines {
         let place = tempfile::tempdir().expect("a folder");
         let folder = place.path();
         assert!(suite::report(folder).is_err(), "nothing was played");
-        let size = SuiteSize { houses: 1, missions: 2, practice: false };
+        let size = SuiteSize { houses: 1, missions: 2, ..Track::Quick.size() };
         let agents = vec![AgentVariant::Random, AgentVariant::ShortestPath];
         let setup = |episodes| SuiteOptions {
             track: Track::Quick,

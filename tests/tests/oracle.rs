@@ -17,7 +17,7 @@ const TEAM: &str = "Oracle";
 /// Plays missions in three houses with the oracle in both orders.
 async fn play() -> Vec<ResultLine> {
     let folder = tempfile::tempdir().expect("a folder");
-    let size = SuiteSize { houses: 3, missions: 4, practice: false };
+    let size = SuiteSize { houses: 3, missions: 4, ..Track::Quick.size() };
     let agents = vec![AgentVariant::ShortestPath];
     let setup = SuiteOptions { track: Track::Quick, agents, size, ..SuiteOptions::default() };
     suite::run(folder.path(), &setup).await.expect("a baseline suite");

@@ -30,26 +30,33 @@
 //!   alternate. s_aud uses the direction from the place of hearing, for the current sound the agent, to the frontier. Two ears do not
 //!   separate front from back: the better of both directions counts.
 //! - The active goal of an unordered mission is the open goal with the best S_ground, otherwise the first open one.
-//! - The frontier stays the target for `keep_steps`. Ties are decided by the shorter way. When everything is explored, the map restarts.
-//! - Frontiers behind unknown cells count only if no others are reachable. The gate also demands a free line of sight on the map. A frame
-//!   that should show the candidate from near but does not lowers its s_vis.
-//! - Images with much colour noise are denoised first. s_vis is a mean over about four views, in which older ones fade; views
-//!   that the image border cuts off count a quarter. A_bear merges similar bearings; the limit is 200.
+//! - The frontier stays the target for `keep_steps`. Ties are decided by the shorter way. When everything is explored, the map
+//!   restarts.
+//! - Frontiers behind unknown cells count only if no others are reachable. The gate also demands a free line of sight on the map. A
+//!   frame that should show the candidate from near but does not lowers its s_vis.
+//! - The bundled network sees images with much colour noise denoised. s_vis is a mean over about four views, in which older ones fade;
+//!   after the first, views of the network that two image borders cut off count a quarter. A_bear merges similar bearings; the limit is
+//!   200.
 //! - Frontiers that were visited, or are nearer than 0.4 m, are skipped. The current o* has a bonus in S_ground, `loyalty`. A candidate
-//!   that was viewed without success, or sought for too long, is set aside until the rest was searched.
+//!   that was viewed without success is set aside until its s_vis rises, one that was sought for too long until the rest was searched.
+//! - Psi_room is a table of room types by detected objects, P_ctx the mean of the priors of rooms and objects. Bearings through
+//!   explored space without a candidate weigh as little as a fifth, and s_aud also weighs by level.
+//! - The gate measures the distance to the nearest point of the candidate's box, with an estimated source to the point nearest to it. V
+//!   also needs `verify_looks` near views at least 0.2 m apart; only candidates with S_ground of at least `plausible` are compared.
 //! - Without a verdict, a goal counts as completed after its Submit. A wrong verdict refutes the object.
 //! - With one open goal, or without a remaining Submit, the verified claim is a Stop: an N-th Submit is never sent. Without a
 //!   verified candidate the episode ends at the step limit.
 //!
 //! [`Preset::PagNavPlus`] adds the extensions in [`Switches`]. In both presets, every Submit and Stop follows a verification in the
-//! current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates these actions, and only
-//! an open gate creates a `Warrant`. Patience and hurry lower the number of looks, never the floor. Without a located source at the
-//! candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself, and no candidate needs sound: with
-//! `silence_outcomes`, a candidate without its sound comes after all others.
+//! current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates these actions, and only an
+//! open gate creates a `Warrant`, or the ablation `no_gate`. Patience and hurry lower the number of looks, never the floor. Without a
+//! located source at the candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself, and no candidate
+//! needs sound: with `silence_outcomes`, a candidate without its sound comes after all others.
 //!
 //! The files in `presets/` document all [`Weights`]. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the value
 //! of perfect hearing, for privileged variants only. The agent is *learnt perception*: its network was trained on training houses.
-//! With `avln_kit::perception::ClassicalRecognition` it is training-free.
+//! With `avln_kit::perception::ClassicalRecognition` it is training-free; it then predicts no category for a goal image, whose priors
+//! are neutral.
 //!
 //! This crate links no server crate other than `avln-simd` and uses no information beyond observations (except [`PagNav::hinted`]).
 
@@ -76,6 +83,7 @@ pub use weights::{Weights, WeightsError};
 
 use avln_client::{MethodType, RunSummary, Sensors};
 use avln_kit::onnx::{ModelsError, OnnxRecognition, SharedFailure};
+use avln_kit::perception::ClassicalRecognition;
 use avln_kit::run::{AgentArgs, Method, OnEnd, play};
 use clap::Args;
 use std::path::PathBuf;
@@ -89,9 +97,12 @@ pub struct PagNavArgs {
     /// Weights and extensions
     #[arg(long, value_enum, default_value_t, value_name = "NAME")]
     pub preset: Preset,
-    /// Name of the method on the leaderboard; default: PAG-Nav or PAG-Nav+
+    /// Name of the method on the leaderboard; default: PAG-Nav or PAG-Nav+, with `classical` for this option
     #[arg(long, value_name = "NAME")]
     pub method: Option<String>,
+    /// Recognise objects by depth and colours, without a network: the training-free variant
+    #[arg(long, conflicts_with = "models")]
+    pub classical: bool,
     /// TOML file with weights and switches that override the preset; agents/pag-nav/presets documents them
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
@@ -146,13 +157,7 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
     // Agents are created first: invalid files must not use up a run.
     let mut failures = Vec::new();
     let mut agents = args.run.agents(|| agent(&args, &mut failures))?;
-    let sensors = Sensors::square(args.run.size);
-    let method_type = match args.models {
-        Some(_) => MethodType::FoundationModels,
-        None => MethodType::LearntPerception,
-    };
-    let name = args.method.unwrap_or_else(|| args.preset.method().to_owned());
-    let method = Method { name, version: env!("CARGO_PKG_VERSION"), method_type, sensors };
+    let method = method(&args);
     let played = play(args.run, method, &mut agents, on_end).await;
     // All of them, also after an error of one.
     let traced: Vec<_> = agents.iter_mut().map(PagNav::end_trace).collect();
@@ -166,6 +171,18 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
     }
 }
 
+/// Returns the method's name, type and sensors.
+fn method(args: &PagNavArgs) -> Method {
+    let method_type = match (&args.models, args.classical) {
+        (Some(_), _) => MethodType::FoundationModels,
+        (None, true) => MethodType::TrainingFree,
+        (None, false) => MethodType::LearntPerception,
+    };
+    let suffix = if args.classical { " classical" } else { "" };
+    let name = args.method.clone().unwrap_or_else(|| format!("{}{suffix}", args.preset.method()));
+    Method { name, version: env!("CARGO_PKG_VERSION"), method_type, sensors: Sensors::square(args.run.size) }
+}
+
 /// Creates an agent. Failures of its models appear in `failures`.
 fn agent(args: &PagNavArgs, failures: &mut Vec<SharedFailure>) -> Result<PagNav, PagNavError> {
     let weights = match &args.weights {
@@ -177,6 +194,9 @@ fn agent(args: &PagNavArgs, failures: &mut Vec<SharedFailure>) -> Result<PagNav,
         let models = OnnxRecognition::load(file)?;
         failures.push(models.failure());
         agent = agent.seeing(models);
+    }
+    if args.classical {
+        agent = agent.seeing(ClassicalRecognition::default());
     }
     if let Some(folder) = &args.trace {
         agent = agent.traced(Recorder::new(folder)?);
@@ -194,6 +214,23 @@ mod tests {
     struct Cli {
         #[command(flatten)]
         args: PagNavArgs,
+    }
+
+    #[test]
+    fn classical_variant_is_training_free() {
+        let method = |options: &[&str]| {
+            let command = [&["agent", "--token", "t"], options].concat();
+            Cli::try_parse_from(command).map(|cli| method(&cli.args))
+        };
+        let classical = method(&["--classical"]).unwrap();
+        assert_eq!(
+            (classical.name.as_str(), classical.method_type),
+            ("PAG-Nav classical", MethodType::TrainingFree)
+        );
+        let plain = method(&["--preset", "pag-nav-plus"]).unwrap();
+        assert_eq!((plain.name.as_str(), plain.method_type), ("PAG-Nav+", MethodType::LearntPerception));
+        assert_eq!(method(&["--models", "m.toml"]).unwrap().method_type, MethodType::FoundationModels);
+        assert!(method(&["--classical", "--models", "m.toml"]).is_err());
     }
 
     #[tokio::test]

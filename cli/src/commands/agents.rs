@@ -77,6 +77,9 @@ pub(crate) struct BaselinesRunArgs {
     /// Missions per house, by default 50, or 8 with --quick
     #[arg(long)]
     missions: Option<usize>,
+    /// Seed for houses and missions, by default the recipe's; another seed makes another split, which needs another --out
+    #[arg(long, value_name = "SEED")]
+    split_seed: Option<u64>,
     /// Folder for traces of PAG-Nav and its variants without privileges: a folder per variant and order, a file per mission
     #[arg(long, value_name = "FOLDER")]
     trace: Option<PathBuf>,
@@ -189,6 +192,7 @@ impl BaselinesRunArgs {
                 houses: self.houses.unwrap_or(houses),
                 missions: self.missions.unwrap_or(missions),
                 practice: self.practice,
+                split_seed: self.split_seed,
             },
             trace: self.trace.clone(),
             models: self.models.clone(),

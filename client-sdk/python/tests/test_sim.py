@@ -75,19 +75,29 @@ def test_threads_do_not_change_bits() -> None:
     assert_equal(*played)
 
 
-def test_number_of_environments_does_not_change_bits() -> None:
-    seen = []
-    for num_envs, threads in ((1, 1), (7, 16), (64, 3)):
-        envs = vector(num_envs, threads=threads, senses=("depth", "lidar", "ears"), goal_cues=False, privileged=True)
-        envs.reset(seed=5)
-        steps = [envs.step([action] * num_envs) for action in (0, 1, 0, 0)]
-        first = [copied({name: array[0] for name, array in {**step[0], **step[4]}.items()}) for step in steps[-2:]]
-        seen.append((first, [step[1][0] for step in steps]))
-        envs.close()
-    for other, rewards in seen[1:]:
-        assert rewards == seen[0][1]
-        for step, same in zip(seen[0][0], other):
+@pytest.mark.parametrize("order", ["ordered", "unordered"])
+def test_number_of_environments_does_not_change_episodes(order: str) -> None:
+    played = [whole_episode(order, *size) for size in ((1, 1), (7, 16), (64, 3))]
+    assert played[0][-1]["success"] == 1
+    for other in played[1:]:
+        assert len(other) == len(played[0])
+        for step, same in zip(played[0], other):
             assert_equal(step, same)
+
+
+def whole_episode(order: str, num_envs: int, threads: int) -> list[dict[str, Any]]:
+    """Rows and flags of the first environment, of each step of the teacher."""
+    curriculum = replace(SMALL["curriculum"], order=order)
+    senses = ("depth", "lidar", "ears", "map")
+    envs = vector(num_envs, threads=threads, curriculum=curriculum, senses=senses, goal_cues=False, privileged=True)
+    _, infos = envs.reset(seed=5)
+    steps: list[dict[str, Any]] = [{"over": False}]
+    while not steps[-1]["over"]:
+        observations, rewards, terminated, truncated, infos = envs.step(infos["expert"])
+        first = {name: array[0].copy() for name, array in {**observations, **infos}.items()}
+        steps.append({**first, "reward": rewards[0], "over": terminated[0] or truncated[0]})
+    envs.close()
+    return steps[1:]
 
 
 def test_arrays_are_shared_with_torch() -> None:

@@ -96,6 +96,33 @@ def test_ctrl_c_leaves_the_results_of_a_step() -> None:
     envs.close()
 
 
+class Interrupted:
+    """Native environments that a Ctrl-C interrupts before a step starts."""
+
+    def __init__(self, native: Any) -> None:
+        self._native = native
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._native, name)
+
+    def send_steps(self, *_: Any) -> None:
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_before_a_step_leaves_nothing_to_wait_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    envs = vector(senses=("depth",))
+    envs.reset(seed=1)
+    with monkeypatch.context() as patch:
+        patch.setattr(envs, "_native", Interrupted(envs._native))
+        with pytest.raises(KeyboardInterrupt):
+            envs.step_async([1, 1, 1])
+    with pytest.raises(avln.sim.SimError, match="0 of 3 environments have a running step"):
+        envs.step_wait()
+    observations, *_ = envs.step([1, 1, 1])
+    assert len(set(observations["remaining"][:, 0].tolist())) == 1
+    envs.close()
+
+
 def test_other_threads_run_during_a_step() -> None:
     envs = vector(24, size=512, threads=1)
     envs.reset(seed=1)
@@ -231,3 +258,69 @@ def test_films_are_gif_without_ffmpeg(tmp_path: Path, monkeypatch: pytest.Monkey
     path = avln.sim.record(tmp_path / "film.mp4", options, lambda *_: 1)
     assert path.name == "film.gif"
     assert path.read_bytes().startswith(b"GIF89a")
+
+
+def test_steps_after_partial_sends_return_new_rows() -> None:
+    envs = vector(2, batch_size=1, senses=("depth",))
+    envs.reset(seed=1)
+    envs.send([0], [1])
+    envs.recv()
+    envs.send([0, 0], [0, 1])
+    observations, *_ = envs.step_wait()
+    assert np.diff(observations["remaining"][:, 0]).tolist() == [-1]
+    assert np.diff(envs.step([0, 0])[0]["remaining"][:, 0]).tolist() == [-1]
+    envs.close()
+
+
+def test_refused_seeds_leave_the_environments() -> None:
+    envs = vector(1, senses=("depth",))
+    seed: Any = np.int64(1)
+    envs.reset(seed=seed)
+    with pytest.raises(ValueError, match="invalid value: integer `-1`"):
+        envs.reset(seed=-1)
+    envs.step([0])
+    envs.close()
+    with pytest.raises(RuntimeError, match="the environments are closed"):
+        envs.reset(seed=1)
+
+
+def test_numbers_of_numpy_are_options() -> None:
+    one: Any = np.int64(1)
+    slack: Any = np.float32(-0.5)
+    envs = vector(one, size=np.int64(64), senses=("depth",), reward=avln.sim.Progress(slack=slack))
+    envs.reset(seed=1)
+    assert envs.step([1])[1].tolist() == [-0.5]
+    envs.close()
+
+
+def test_unsuitable_options_of_env_are_refused() -> None:
+    with pytest.raises(TypeError, match="Env has no batch_size; use VectorEnv"):
+        avln.sim.Env(batch_size=1)
+    for make in (avln.sim.Env, vector):
+        with pytest.raises(ValueError, match="`render_mode` is 'human'"):
+            make(render_mode="human")
+
+
+def test_one_reward_is_that_of_the_whole_batch() -> None:
+    envs = vector(2, batch_size=2, senses=("depth",), reward=lambda *_: 2.5)
+    envs.reset(seed=1)
+    envs.send([0, 0], [0, 1])
+    assert envs.recv()[1].tolist() == [2.5, 2.5]
+    envs.close()
+
+
+def test_interrupted_env_asks_for_a_reset() -> None:
+    env = avln.sim.Env(**SMALL, senses=("depth",))
+    env.reset(seed=1)
+    env._vector.send([0], [0])
+    with pytest.raises(avln.sim.SimError, match="the last step was interrupted; call reset"):
+        env.step(0)
+    env.reset()
+    env.step(0)
+    env.close()
+
+
+def test_missing_native_files_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AVLN_NATIVE", "/no/such/file")
+    with pytest.raises(ModuleNotFoundError, match="cannot load AVLN_NATIVE=/no/such/file"):
+        avln.sim.Env()

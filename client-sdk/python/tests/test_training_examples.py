@@ -103,3 +103,9 @@ def test_curves_are_drawn(tmp_path: Path) -> None:
     text = (tmp_path / "curves.svg").read_text()
     assert text.count("<polyline") == 1
     assert ">ppo</text>" in text
+
+    other = tmp_path / "seed2"
+    other.mkdir()
+    Curve(other / "ppo.pt.csv").add(ROW_STEPS, [True])
+    curve.main([*map(str, tmp_path.rglob("*.csv")), "--out", str(tmp_path / "curves.svg")])
+    assert (tmp_path / "curves.svg").read_text().count("<polyline") == 2

@@ -38,7 +38,7 @@ pub enum Track {
     Quick,
 }
 
-/// The split's size and pool.
+/// The split's size, pool and seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SuiteSize {
     /// Houses.
@@ -47,6 +47,8 @@ pub struct SuiteSize {
     pub missions: usize,
     /// `true` for houses from the training pool, to tune agents.
     pub practice: bool,
+    /// Seed for houses and missions; the recipe's by default.
+    pub split_seed: Option<u64>,
 }
 
 impl SuiteSize {
@@ -72,10 +74,11 @@ impl Track {
 
     /// Returns the default size: 550 missions in 11 houses, or 200 missions in 25 small houses.
     pub fn size(self) -> SuiteSize {
-        match self {
-            Self::Main | Self::Hard => SuiteSize { houses: 11, missions: 50, practice: false },
-            Self::Quick => SuiteSize { houses: 25, missions: 8, practice: false },
-        }
+        let (houses, missions) = match self {
+            Self::Main | Self::Hard => (11, 50),
+            Self::Quick => (25, 8),
+        };
+        SuiteSize { houses, missions, practice: false, split_seed: None }
     }
 
     /// Returns the recipe of the only played split.
@@ -86,6 +89,7 @@ impl Track {
             Self::Quick => SMALL_HOUSES,
         };
         let mut recipe = Recipe::from_json(text)?;
+        recipe.seed = size.split_seed.or(recipe.seed);
         recipe.splits.retain(|split| split.name == size.split());
         for split in &mut recipe.splits {
             split.missions_per_scene = size.missions;
@@ -219,6 +223,10 @@ mod tests {
         let val = whole.splits.iter().find(|split| split.name == "val").expect("a split");
         assert_eq!((&played.splits[..], &played.name), (std::slice::from_ref(val), &whole.name));
         assert_eq!(Track::Hard.recipe(Track::Hard.size()).expect("a recipe"), played);
+
+        let fresh = SuiteSize { split_seed: Some(5), ..Track::Main.size() };
+        let fresh = Track::Main.recipe(fresh).expect("a recipe");
+        assert_eq!(fresh, Recipe { seed: Some(5), ..played });
     }
 
     #[test]

@@ -90,6 +90,7 @@ impl Shared {
         audio: Audio,
     ) -> Result<Arc<Self>, TrainingError> {
         options.check()?;
+        source.check_rules(&options.rules)?;
         let layout = Layout::new(&options);
         Ok(Arc::new(Self { source, options, layout, audio, clips: ClipCache::default() }))
     }
@@ -159,7 +160,7 @@ impl Env {
         let env = self.number as usize;
         let action = Action::try_from(action).map_err(|source| TrainingError::Action { env, source })?;
         let running = self.running.as_mut().ok_or(TrainingError::NotReset(env))?;
-        let (before, routed) = (running.open_goals(), running.guide.routed);
+        let (before, routed) = (running.found_goals(), running.guide.routed);
         let is_measured = !matches!(self.shared.options.reward, RewardRule::Sparse | RewardRule::None);
         let goal = routed.filter(|_| is_measured);
         let from_m = goal.and_then(|goal| running.referee.walk_m(goal));
@@ -169,14 +170,14 @@ impl Env {
         running.look();
         let to_m = goal.and_then(|goal| running.referee.walk_m(goal));
         running.guide.route(&running.referee, running.truth.order);
-        let open = running.open_goals();
+        let found = running.found_goals();
         let is_same = running.guide.routed == routed;
         let facts = RewardFacts {
             progress_m: from_m.zip(to_m).filter(|_| is_same).map_or(0.0, |(from_m, to_m)| from_m - to_m),
             is_submit: action == Action::Submit,
             is_stop: action == Action::Stop,
-            found: before - open,
-            is_complete: open == 0,
+            found: found - before,
+            is_complete: found as usize == running.truth.targets.len(),
         };
         running.put(row, &self.shared, &outcome.observation);
         let truncated = outcome.end == Some(EndReason::StepLimit);
@@ -343,8 +344,8 @@ impl Running {
         from.zip(places).map(|(from, to)| distance_m(&from, &to)).sum()
     }
 
-    fn open_goals(&self) -> u32 {
-        self.referee.is_open().iter().filter(|open| **open).count() as u32
+    fn found_goals(&self) -> u32 {
+        self.referee.is_found().iter().filter(|found| **found).count() as u32
     }
 
     fn put(&mut self, row: &mut Row, shared: &Shared, seen: &Observation) {

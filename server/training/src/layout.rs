@@ -1,8 +1,8 @@
 //! Arrays of an observation and of its training information.
 
 #[expect(unused_imports, reason = "documentation")]
-use crate::CheapSenses;
-use crate::{EnvOptions, TrainingError};
+use crate::{AutoReset, CheapSenses};
+use crate::{EnvOptions, RowSource, TrainingError};
 use avln_episode::{Feedback, GoalCue, Mission, Observation, Order, RgbImage};
 
 /// Most goals per mission; missing goals are zeros.
@@ -59,7 +59,7 @@ impl ArraySpec {
 /// | `distance_m` | `f32 [4]` | walking distance to each success region, metres; -1: unreachable, or no such goal |
 /// | `bearing_rad` | `f32 [4]` | direction of the shortest way, radians from straight ahead, left positive; 0 without a way |
 /// | `target_position` | `f32 [4, 3]` | target centre, metres, relative to the start pose |
-/// | `is_open` | `u8 [4]` | 1: not found yet |
+/// | `is_open` | `u8 [4]` | 1: neither found nor skipped |
 /// | `is_in_region` | `u8 [4]` | 1: a claim here matches the target |
 /// | `sounding` | i64 | sounding source: a goal, or the goal count plus a distractor's index; -1: silence |
 /// | `routed` | i64 | goal of the teachers and of the reward `progress`; -1: none |
@@ -194,6 +194,54 @@ impl Row<'_> {
         self.put(layout, "goal_modality", &mission.modalities);
         self.put(layout, "goal_text", &mission.texts);
         self.put(layout, "goal_image", &mission.images);
+    }
+}
+
+/// An array with its values.
+#[derive(Clone, Debug, PartialEq)]
+#[expect(missing_docs, reason = "as ArrayKind")]
+pub enum OwnedArray {
+    U8(Vec<u8>),
+    I32(Vec<i32>),
+    I64(Vec<i64>),
+    F32(Vec<f32>),
+}
+
+/// Memory of one environment, for callers without arrays of their own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnedRow {
+    /// The arrays, in the layout's order.
+    pub arrays: Vec<OwnedArray>,
+    /// The arrays of the last episode's end, under [`AutoReset::SameStep`].
+    pub finals: Option<Vec<OwnedArray>>,
+}
+
+impl OwnedRow {
+    /// Returns a row of zeros.
+    pub fn new(layout: &Layout) -> Self {
+        let array = |spec: &ArraySpec| match spec.kind {
+            ArrayKind::U8 => OwnedArray::U8(vec![0; spec.len()]),
+            ArrayKind::I32 => OwnedArray::I32(vec![0; spec.len()]),
+            ArrayKind::I64 => OwnedArray::I64(vec![0; spec.len()]),
+            ArrayKind::F32 => OwnedArray::F32(vec![0.0; spec.len()]),
+        };
+        Self { arrays: layout.arrays.iter().map(array).collect(), finals: None }
+    }
+}
+
+impl RowSource for OwnedRow {
+    fn row(&mut self) -> Row<'_> {
+        let arrays = self.arrays.iter_mut().map(|array| match array {
+            OwnedArray::U8(values) => RowArray::U8(values),
+            OwnedArray::I32(values) => RowArray::I32(values),
+            OwnedArray::I64(values) => RowArray::I64(values),
+            OwnedArray::F32(values) => RowArray::F32(values),
+        });
+        Row { arrays: arrays.collect() }
+    }
+
+    fn keep_final(&mut self) {
+        self.finals = Some(self.arrays.clone());
     }
 }
 

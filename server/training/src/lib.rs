@@ -1,8 +1,8 @@
 //! Episodes in process for training.
 //!
 //! In reading order: an [`EpisodeSource`] has the missions of training houses, an [`Env`] plays them one after another, and a
-//! [`VectorEnv`] plays many environments on worker threads. [`Layout`] lists the arrays of an observation; a [`Row`] has the
-//! memory of one environment.
+//! [`VectorEnv`] plays many environments on worker threads. [`Layout`] lists the arrays of an observation; a [`Row`] is the
+//! caller's memory of one environment, and an [`OwnedRow`] has memory of its own.
 //!
 //! This crate never accepts validation or test pools or sealed splits, and it is never linked by servers or clients of an
 //! evaluation: it shows ground truth to the learner.
@@ -21,7 +21,7 @@ mod vector;
 
 pub use avln_world::Detail;
 pub use env::{Env, EnvState, StepFlags};
-pub use layout::{ArrayKind, ArraySpec, Layout, Row, RowArray};
+pub use layout::{ArrayKind, ArraySpec, Layout, OwnedArray, OwnedRow, Row, RowArray};
 pub use options::{AutoReset, Curriculum, EnvOptions, Goals, ProgressReward, RewardRule};
 pub use privileged::Teacher;
 pub use senses::CheapSenses;

@@ -96,7 +96,7 @@ pub(crate) fn put(
     let expert = expert(referee, guide, truth, explorer);
     row.put(layout, "expert", &[i64::from(expert.index())]);
     row.put(layout, "expert_submit", &[u8::from(right_claim(referee).is_some())]);
-    let success = if is_open.iter().any(|open| *open) { 0.0 } else { 1.0 };
+    let success = if referee.is_found().iter().all(|found| *found) { 1.0 } else { 0.0 };
     let share = truth.reference_m / truth.reference_m.max(path_m).max(1e-9);
     row.put(layout, "success", &[success]);
     row.put(layout, "spl", &[success * share as f32]);

@@ -41,6 +41,9 @@ impl PreparedScene {
 
 /// Numbered scenes. Equal numbers give equal scenes.
 pub(crate) trait Scenes: Send + Sync {
+    /// Returns the rules for which missions and success regions are built.
+    fn rules(&self) -> &Rules;
+
     /// Returns the scene count; `None` for an endless list.
     fn count(&self) -> Option<u64>;
 
@@ -54,6 +57,7 @@ const MISSIONS_PER_HOUSE: usize = 48;
 /// Houses of a recipe's training split, without end.
 pub(crate) struct RecipeHouses {
     recipe: Recipe,
+    rules: Rules,
     split: usize,
     curriculum: Curriculum,
     cache: Option<Arc<dyn Cache>>,
@@ -89,7 +93,8 @@ impl RecipeHouses {
             *storeys = curriculum.storeys.unwrap_or(*storeys);
         }
         recipe.check()?;
-        Ok(Self { recipe, split, curriculum, cache })
+        let rules = recipe.rules()?;
+        Ok(Self { recipe, rules, split, curriculum, cache })
     }
 
     /// Returns the options for missions within the curriculum. The default curriculum keeps the recipe's lengths.
@@ -100,15 +105,18 @@ impl RecipeHouses {
     }
 
     fn drawn(&self, job: Job, attempt: u32) -> Result<PreparedScene, TrainingError> {
-        let rules = self.recipe.rules()?;
-        let (spec, assets) =
-            opened(&self.recipe.scene_name(job), self.recipe.house(job, attempt)?, &rules, &self.cache)?;
+        let house = self.recipe.house(job, attempt)?;
+        let (spec, assets) = opened(&self.recipe.scene_name(job), house, &self.rules, &self.cache)?;
         let options = self.missions(job.scene as u64);
-        furnished(&spec, assets, &rules, &self.recipe.survey, &options, &self.curriculum)
+        furnished(&spec, assets, &self.rules, &self.recipe.survey, &options, &self.curriculum)
     }
 }
 
 impl Scenes for RecipeHouses {
+    fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
     fn count(&self) -> Option<u64> {
         None
     }
@@ -124,6 +132,7 @@ impl Scenes for RecipeHouses {
 /// One scan by path.
 pub(crate) struct Scan {
     path: PathBuf,
+    rules: Rules,
     seed: u64,
     curriculum: Curriculum,
     cache: Option<Arc<dyn Cache>>,
@@ -131,22 +140,25 @@ pub(crate) struct Scan {
 
 impl Scan {
     pub(crate) fn new(path: &Path, seed: u64, curriculum: Curriculum, cache: Option<Arc<dyn Cache>>) -> Self {
-        Self { path: path.to_owned(), seed, curriculum, cache }
+        Self { path: path.to_owned(), rules: Rules::paper(), seed, curriculum, cache }
     }
 }
 
 impl Scenes for Scan {
+    fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
     fn count(&self) -> Option<u64> {
         Some(1)
     }
 
     fn scene(&self, _number: u64) -> Result<PreparedScene, TrainingError> {
-        let rules = Rules::paper();
         let name = self.path.file_stem().map_or_else(|| "scan".into(), |stem| stem.to_string_lossy());
         let source = SceneSource::File { path: self.path.clone() };
-        let (spec, assets) = opened(&name, source, &rules, &self.cache)?;
+        let (spec, assets) = opened(&name, source, &self.rules, &self.cache)?;
         let options = narrowed(MissionOptions::new(MISSIONS_PER_HOUSE, self.seed), &self.curriculum);
-        furnished(&spec, assets, &rules, &SurveyOptions::default(), &options, &self.curriculum)
+        furnished(&spec, assets, &self.rules, &SurveyOptions::default(), &options, &self.curriculum)
     }
 }
 
@@ -188,6 +200,10 @@ impl FolderSplit {
 }
 
 impl Scenes for FolderSplit {
+    fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
     fn count(&self) -> Option<u64> {
         Some(self.scenes.len() as u64)
     }

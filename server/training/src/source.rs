@@ -2,6 +2,7 @@
 
 use crate::explorer::FloorGrid;
 use crate::map::Floor;
+use crate::options::outside;
 use crate::scenes::{FolderSplit, PreparedScene, RecipeHouses, Scan, Scenes};
 use crate::{Curriculum, Goals, TrainingError};
 use avln_episode::{Mission, Order, Rules};
@@ -167,6 +168,21 @@ impl EpisodeSource {
             loaded: Mutex::default(),
             without_mission: Mutex::default(),
         })
+    }
+
+    /// Returns an error for rules that do not fit the missions and success regions. The horizon may differ.
+    pub(crate) fn check_rules(&self, rules: &Rules) -> Result<(), TrainingError> {
+        let of_source = self.scenes.rules();
+        let compared = Rules { max_steps: of_source.max_steps, ..rules.clone() };
+        if compared.fits_episodes_of(of_source) {
+            return Ok(());
+        }
+        let limits = format!(
+            "the missions of this source are built for '{}', and a rule set may differ only in noise, sounds, distractor sources \
+             and claims; use a folder from a recipe with these rules",
+            of_source.name
+        );
+        Err(outside("rules", rules.name.clone(), &limits))
     }
 
     /// Returns episode `number` of environment `env`; prepares its scene if no other environment uses it. A scene without a mission

@@ -28,7 +28,7 @@ pub struct ObjectHypothesis {
     pub looks: u32,
     /// Frames with a detection of the hypothesis.
     views: u32,
-    /// Unsuccessful Submits at the hypothesis.
+    /// Claims after which the hypothesis is no candidate: refuted ones, and right ones without a further goal.
     pub wrong_submits: i32,
     /// Visual compatibility by goal over all views, 0 to 1 (s_vis in the paper).
     vis: Vec<f32>,
@@ -149,7 +149,7 @@ impl ObjectMemory {
         self.all.iter_mut()
     }
 
-    /// Records an unsuccessful Submit at a hypothesis, and resets the views.
+    /// Records a claim at a hypothesis, which is then no candidate, and resets the views.
     pub fn refute(&mut self, index: usize) {
         if let Some(object) = self.all.get_mut(index) {
             object.wrong_submits += 1;

@@ -96,7 +96,9 @@ def main(arguments: list[str] | None = None) -> None:
     program.add_argument("files", nargs="+", type=Path, help="CSV files of trainings")
     program.add_argument("--out", type=Path, default=Path("curves.svg"), help="SVG file [curves.svg]")
     options = program.parse_args(arguments)
-    curves = {path.name.split(".")[0]: read(path) for path in options.files}
+    names = [path.name.split(".")[0] for path in options.files]
+    labels = [name if names.count(name) == 1 else str(path) for name, path in zip(names, options.files)]
+    curves = {label: read(path) for label, path in zip(labels, options.files)}
     options.out.write_text(chart(curves), encoding="utf-8")
     print(f"wrote {options.out}")
 

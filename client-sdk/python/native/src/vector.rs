@@ -28,6 +28,8 @@ pub(crate) struct NativeVector {
     buffers: Mutex<Vec<Arc<Buffer>>>,
     /// Results that an interrupted `recv` has left.
     received: Mutex<Vec<StepResult>>,
+    /// True for environments with a task whose result no `recv` has returned. Python code can be interrupted between two calls.
+    is_running: Mutex<Vec<bool>>,
     process: u32,
 }
 
@@ -52,6 +54,7 @@ impl NativeVector {
             vector: Mutex::new(Some(vector.map_err(value_error)?)),
             buffers: Mutex::default(),
             received: Mutex::default(),
+            is_running: Mutex::new(vec![false; count]),
             process: std::process::id(),
         })
     }
@@ -111,7 +114,7 @@ impl NativeVector {
         for ((env, action), row) in envs.into_iter().zip(actions).zip(rows) {
             // Negative numbers become large ones, which are no actions either.
             let action = u32::try_from(action).unwrap_or(u32::MAX);
-            self.with(|vector| vector.send_step(env, action, row).map_err(value_error))?;
+            self.start(env, |vector| vector.send_step(env, action, row))?;
         }
         Ok(())
     }
@@ -120,7 +123,7 @@ impl NativeVector {
     fn send_resets(&self, envs: Vec<usize>, buffer: usize, rows: Vec<usize>) -> PyResult<()> {
         let rows: Vec<_> = rows.into_iter().map(|row| self.row(buffer, row)).collect::<PyResult<_>>()?;
         for (env, row) in envs.into_iter().zip(rows) {
-            self.with(|vector| vector.send_reset(env, row).map_err(value_error))?;
+            self.start(env, |vector| vector.send_reset(env, row))?;
         }
         Ok(())
     }
@@ -130,7 +133,12 @@ impl NativeVector {
         let state: EnvState = serde_json::from_slice(state)
             .map_err(|error| PyValueError::new_err(format!("cannot restore the state: {error}")))?;
         let row = self.row(buffer, row)?;
-        self.with(|vector| vector.send_restore(env, state, row).map_err(value_error))
+        self.start(env, |vector| vector.send_restore(env, state, row))
+    }
+
+    /// Returns for each environment whether `recv` has a result to return, now or later.
+    fn running(&self) -> PyResult<Vec<bool>> {
+        self.with(|_| Ok(lock(&self.is_running).clone()))
     }
 
     /// Waits for `count` results. After Ctrl-C the results remain for the next call.
@@ -138,7 +146,10 @@ impl NativeVector {
         loop {
             let mut received = lock(&self.received);
             if received.len() >= count {
-                return Ok(received.drain(..count).collect());
+                let results: Vec<StepResult> = received.drain(..count).collect();
+                let mut is_running = lock(&self.is_running);
+                results.iter().for_each(|result| is_running[result.0] = false);
+                return Ok(results);
             }
             let missing = count - received.len();
             drop(received);
@@ -181,6 +192,17 @@ impl NativeVector {
         }
         let vector = lock(&self.vector);
         call(vector.as_ref().ok_or_else(|| PyRuntimeError::new_err("the environments are closed"))?)
+    }
+
+    /// Starts a task of an environment.
+    fn start(
+        &self,
+        env: usize,
+        send: impl FnOnce(&VectorEnv<NumpyRow>) -> Result<(), TrainingError>,
+    ) -> PyResult<()> {
+        self.with(|vector| send(vector).map_err(value_error))?;
+        lock(&self.is_running)[env] = true;
+        Ok(())
     }
 
     fn row(&self, buffer: usize, row: usize) -> PyResult<NumpyRow> {

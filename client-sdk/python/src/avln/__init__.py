@@ -4,7 +4,7 @@ Start with `Client`, `Play` and `Episode`:
 
     import avln
 
-    with avln.begin("http://127.0.0.1:50051", token, "practice", "my-method") as run:
+    with avln.begin("http://127.0.0.1:50051", token, "", "my-method") as run:
         for episode in run:
             for observation in episode:
                 episode.act(avln.Action.MOVE_FORWARD)

@@ -107,6 +107,7 @@ def _add_quickstart(to: argparse.ArgumentParser) -> None:
 def _add_bench(to: argparse.ArgumentParser) -> None:
     to.add_argument("--num-envs", type=int, default=8, help="environments [8]")
     to.add_argument("--threads", type=int, help="worker threads [one per processor]")
+    to.add_argument("--batch-size", type=int, help="environments per recv, with send and recv instead of step [all]")
     to.add_argument("--size", type=int, default=128, help="image side, pixels [128]")
     to.add_argument(
         "--senses", default="rgbd,audio", help="any of rgb, depth, rgbd, audio, lidar, ears, map [rgbd,audio]"
@@ -120,8 +121,9 @@ def _bench(options: argparse.Namespace) -> int:
         from avln.sim.bench import measure  # noqa: PLC0415
 
         senses = options.senses.replace("rgbd", "rgb,depth").split(",")
-        speed = measure(options.num_envs, options.threads, options.size, senses, options.seconds)
-    except (ModuleNotFoundError, ValueError) as error:
+        envs = (options.num_envs, options.threads, options.size, senses)
+        speed = measure(*envs, options.seconds, options.batch_size)
+    except (ModuleNotFoundError, RuntimeError, ValueError) as error:
         print(error, file=sys.stderr)
         return 1
     if options.json:

@@ -3,7 +3,8 @@
 
 use super::chart::Chart;
 use super::contrast::{
-    Contrast, ORDERS, PageSection, chart_rows, contrast_table, correct, family, holm, list, p, points,
+    Contrast, Difference, ORDERS, PageSection, chart_rows, contrast_table, correct, family, holm, list, p,
+    points,
 };
 use super::selection::{RowResults, TrackResults, modality_share};
 use crate::suite::ResultLine;
@@ -191,8 +192,8 @@ pub(super) fn factors_section(track: &TrackResults<'_>) -> PageSection {
     let full = track.full_agent();
     let factors = [
         Factor { name: "order", contrasts: orders(track, full) },
-        Factor { name: "modality", contrasts: modalities(track, full) },
-        Factor { name: "number of goals", contrasts: goals(track, full) },
+        Factor { name: "modality", contrasts: modalities(track) },
+        Factor { name: "number of goals", contrasts: goals(track) },
         Factor { name: "memory", contrasts: memories(track, full) },
     ];
     if factors[0].contrasts.is_empty() {
@@ -207,7 +208,7 @@ pub(super) fn factors_section(track: &TrackResults<'_>) -> PageSection {
         let _ = write!(section.text, "\n### Effect of {name}\n\n{}", contrast_table(contrasts, "ISR"));
     }
     let rows = factors.iter().flat_map(|factor| chart_rows(&factor.contrasts)).collect();
-    let title = format!("Differences in ISR of {full}");
+    let title = format!("Differences in ISR, of {full} unless another agent is named");
     let chart = Chart { title: &title, axis: "percentage points, with 95 % intervals", rows };
     section.add_chart(
         "results-factors.svg",
@@ -236,16 +237,34 @@ fn orders(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
     contrasts
 }
 
-fn modalities(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
-    family(&MODALITY_PAIRS, |order, (first, second)| {
-        let test = track.row(full, order).modality_gap(*first, *second)?;
+/// Tests cases for both presets, each preset as a family; labels name the preset with fewer abilities.
+fn per_preset<T>(
+    track: &TrackResults<'_>,
+    cases: &[T],
+    test: impl Fn(&RowResults<'_>, &T) -> Option<(String, Difference)>,
+) -> Vec<Contrast> {
+    let full = track.full_agent();
+    let mut presets = vec![full, "pag-nav"];
+    presets.dedup();
+    let tested = |preset: &str| {
+        family(cases, |order, case| {
+            let (label, test) = test(&track.row(preset, order), case)?;
+            Some((if preset == full { label } else { format!("{preset}: {label}") }, test))
+        })
+    };
+    presets.into_iter().flat_map(tested).collect()
+}
+
+fn modalities(track: &TrackResults<'_>) -> Vec<Contrast> {
+    per_preset(track, &MODALITY_PAIRS, |row, (first, second)| {
+        let test = row.modality_gap(*first, *second)?;
         Some((format!("{} - {}", first.as_str(), second.as_str()), test))
     })
 }
 
-fn goals(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
-    family(&GOAL_PAIRS, |order, (first, second)| {
-        let test = track.row(full, order).goals_gap(*first, *second)?;
+fn goals(track: &TrackResults<'_>) -> Vec<Contrast> {
+    per_preset(track, &GOAL_PAIRS, |row, (first, second)| {
+        let test = row.goals_gap(*first, *second)?;
         Some((format!("{first} goals - {second} goals"), test))
     })
 }
@@ -278,5 +297,5 @@ fn factors_answer(full: &str, factors: &[Factor]) -> String {
     if !missing.is_empty() {
         clauses.push(format!("without results: {}", list(&missing)));
     }
-    format!("**Answer.** On the ISR of {full}, {}.", clauses.join("; "))
+    format!("**Answer.** On the ISR, of {full} unless another agent is named, {}.", clauses.join("; "))
 }

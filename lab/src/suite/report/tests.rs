@@ -95,12 +95,24 @@ fn every_question_has_a_test_a_chart_and_an_answer() {
     let second =
         answer("For pag-nav, hearing significantly raises the ISR of ordered missions (+75.0 points");
     assert!(second.contains("largest for image goals, ordered (+100.0 points"), "{second}");
-    let third = answer("On the ISR of pag-nav, no factor has a significant effect");
+    let third =
+        answer("On the ISR, of pag-nav unless another agent is named, no factor has a significant effect");
     assert!(third.ends_with("without results: number of goals and memory."), "{third}");
     let hard = answer(
         "The sound-follower completes 0.0 % of the ordered and 0.0 % of the unordered missions (within",
     );
     assert!(hard.ends_with("significant differences: none; not significant: none."), "{hard}");
+}
+
+#[test]
+fn both_presets_have_effects_of_modality() {
+    let mut lines = sample();
+    lines.extend(row_of("pag-nav-plus", |_| 1));
+    let page = page(&lines).page;
+    let table = part(&page, "### Effect of modality");
+    // The category goal is found and the image goal is not.
+    assert!(table.contains("| image - category | ordered | 44 | -100.0 "), "{table}");
+    assert!(table.contains("| pag-nav: image - category | ordered | 44 | +0.0 "), "{table}");
 }
 
 #[test]

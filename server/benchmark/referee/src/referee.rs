@@ -143,6 +143,11 @@ impl Referee {
         self.goals.iter().map(|&state| state == GoalState::Open).collect()
     }
 
+    /// Returns per goal whether it is found; neither open nor found goals were skipped. Hidden from agents.
+    pub fn is_found(&self) -> Vec<bool> {
+        self.goals.iter().map(|&state| state == GoalState::Found).collect()
+    }
+
     /// Returns the facts about all steps so far. Hidden from agents.
     pub fn facts(&self) -> &[StepFacts] {
         &self.steps

@@ -1,10 +1,10 @@
 //! Episodes, teachers, rewards, states and threads.
 
-use crate::memory::{OwnRow, audio, env, follow_teacher, small_houses, small_options};
+use crate::{Entries, audio, env, follow_teacher, small_houses, small_options};
 use avln_episode::{Action, Order, Rules};
 use avln_scoring::score;
 use avln_training::{
-    AutoReset, CheapSenses, Env, EnvOptions, EpisodeSource, Goals, ProgressReward, RewardRule, Row,
+    AutoReset, CheapSenses, Env, EnvOptions, EpisodeSource, Goals, OwnedRow, ProgressReward, RewardRule, Row,
     RowSource, SourceOptions, Teacher, TrainingError, VectorEnv,
 };
 use std::sync::Arc;
@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 fn teacher_completes_missions_on_shortest_paths() {
     let mut env = env(0);
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     let (mut complete, mut spl) = (0, 0.0);
     const EPISODES: usize = 24;
     for _ in 0..EPISODES {
@@ -40,7 +40,7 @@ fn teacher_completes_missions_on_shortest_paths() {
 fn restored_states_continue_with_equal_bits() {
     let (mut env, mut other) = (env(0), env(3));
     let layout = env.layout().clone();
-    let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
+    let (mut row, mut copy) = (OwnedRow::new(&layout), OwnedRow::new(&layout));
     env.reset(&mut row.row()).expect("an episode");
     for action in [0, 0, 1, 0, 2, 3, 0] {
         env.step(action, &mut row.row()).expect("a step");
@@ -63,7 +63,7 @@ fn restored_states_continue_with_equal_bits() {
 #[test]
 fn invalid_steps_are_refused() {
     let mut env = env(0);
-    let mut row = OwnRow::new(&env.layout().clone());
+    let mut row = OwnedRow::new(&env.layout().clone());
     assert!(matches!(env.step(0, &mut row.row()), Err(TrainingError::NotReset(0))));
     env.reset(&mut row.row()).expect("an episode");
     let error = env.step(5, &mut row.row()).expect_err("no such action").to_string();
@@ -74,15 +74,15 @@ fn invalid_steps_are_refused() {
 }
 
 /// An environment of a vector, and its row.
-fn single(autoreset: AutoReset) -> (VectorEnv<OwnRow>, OwnRow) {
+fn single(autoreset: AutoReset) -> (VectorEnv<OwnedRow>, OwnedRow) {
     let source = EpisodeSource::open(&small_houses(1)).expect("a source");
     let options = EnvOptions { autoreset, ..small_options() };
     let vector = VectorEnv::new(1, 1, source, options, audio()).expect("an environment");
-    let row = OwnRow::new(vector.layout());
+    let row = OwnedRow::new(vector.layout());
     (vector, row)
 }
 
-fn received(vector: &VectorEnv<OwnRow>) -> OwnRow {
+fn received(vector: &VectorEnv<OwnedRow>) -> OwnedRow {
     let finished = vector.recv(1, PATIENCE).pop().expect("in time");
     finished.flags.expect("no error");
     finished.row
@@ -118,7 +118,7 @@ fn closing_leaves_queued_tasks_undone() {
     let layout = vector.layout().clone();
     let dropped = Arc::new(AtomicUsize::new(0));
     for env in 0..4 {
-        let row = CountedRow { row: OwnRow::new(&layout), taken: Arc::clone(&dropped) };
+        let row = CountedRow { row: OwnedRow::new(&layout), taken: Arc::clone(&dropped) };
         vector.send_reset(env, row).expect("an environment");
     }
     drop(vector);
@@ -127,7 +127,7 @@ fn closing_leaves_queued_tasks_undone() {
 
 /// A row that counts its uses.
 struct CountedRow {
-    row: OwnRow,
+    row: OwnedRow,
     taken: Arc<AtomicUsize>,
 }
 
@@ -141,16 +141,16 @@ impl RowSource for CountedRow {
 }
 
 /// Rows and flags of all environments after a few steps.
-fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnRow, String)> {
+fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnedRow, String)> {
     const COUNT: usize = 3;
     let cheap = CheapSenses { lidar: true, ears: true, map: true };
     let options = EnvOptions { autoreset, cheap, ..small_options() };
     let source = EpisodeSource::open(&small_houses(2)).expect("a source");
-    let vector: VectorEnv<OwnRow> =
+    let vector: VectorEnv<OwnedRow> =
         VectorEnv::new(COUNT, threads, source, options, audio()).expect("environments");
-    let mut rows: Vec<Option<OwnRow>> = (0..COUNT).map(|_| Some(OwnRow::new(vector.layout()))).collect();
+    let mut rows: Vec<Option<OwnedRow>> = (0..COUNT).map(|_| Some(OwnedRow::new(vector.layout()))).collect();
     let mut flags = vec![String::new(); COUNT];
-    let wait = |rows: &mut Vec<Option<OwnRow>>, flags: &mut Vec<String>| {
+    let wait = |rows: &mut Vec<Option<OwnedRow>>, flags: &mut Vec<String>| {
         for _ in 0..COUNT {
             let finished = vector.recv(1, PATIENCE).pop().expect("in time");
             flags[finished.env] += &format!("{:?}", finished.flags.expect("a step"));
@@ -202,7 +202,7 @@ fn explorer_completes_missions_in_both_orders() {
             env_with(order, EnvOptions { teacher: Teacher::Path, ..exploring() }),
         );
         let layout = explore.layout().clone();
-        let (mut row, mut steps) = (OwnRow::new(&layout), [0, 0]);
+        let (mut row, mut steps) = (OwnedRow::new(&layout), [0, 0]);
         for episode in 0..5 {
             for (env, steps) in [&mut explore, &mut path].into_iter().zip(&mut steps) {
                 env.reset(&mut row.row()).expect("an episode");
@@ -227,7 +227,7 @@ fn explorer_answers_in_restored_states() {
     let (mut env, mut other) =
         (env_with(Order::Unordered, exploring()), env_with(Order::Unordered, exploring()));
     let layout = env.layout().clone();
-    let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
+    let (mut row, mut copy) = (OwnedRow::new(&layout), OwnedRow::new(&layout));
     env.reset(&mut row.row()).expect("an episode");
     // A learner that deviates from the teacher.
     for step in 0..60 {
@@ -248,7 +248,7 @@ fn right_claims_complete_goals() {
     for order in [Order::Ordered, Order::Unordered] {
         let mut env = env_with(order, EnvOptions { teacher: Teacher::Path, ..exploring() });
         let layout = env.layout().clone();
-        let mut row = OwnRow::new(&layout);
+        let mut row = OwnedRow::new(&layout);
         for _ in 0..4 {
             env.reset(&mut row.row()).expect("an episode");
             loop {
@@ -272,7 +272,7 @@ fn right_claims_complete_goals() {
 fn added_submits_are_observed_and_judged() {
     let mut env = env_with(Order::Ordered, EnvOptions { added_submits: 2, ..exploring() });
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
     let goals = i32::from(row.bytes(&layout, "is_open").iter().sum::<u8>());
     assert_eq!(row.shorts(&layout, "remaining")[1], goals - 1 + 2);
@@ -288,7 +288,7 @@ fn coefficients_change_the_reward() {
     let weights = ProgressReward { slack: 0.5, per_m: 0.0, stop: 3.0, ..ProgressReward::AUTHORS };
     let mut env =
         env_with(Order::Ordered, EnvOptions { reward: RewardRule::Progress(weights), ..exploring() });
-    let mut row = OwnRow::new(&env.layout().clone());
+    let mut row = OwnedRow::new(&env.layout().clone());
     env.reset(&mut row.row()).expect("an episode");
     assert_eq!(env.step(0, &mut row.row()).expect("a step").reward, 0.5);
     assert_eq!(env.step(4, &mut row.row()).expect("a Stop").reward, 3.5);

@@ -1,6 +1,83 @@
 //! Training environments on small houses.
 
 mod episodes;
-mod memory;
 mod senses;
 mod sources;
+
+use avln_referee::Audio;
+use avln_training::{
+    Curriculum, Env, EnvOptions, EpisodeSource, Layout, OwnedArray, OwnedRow, RowSource, SourceChoice,
+    SourceOptions, StepFlags,
+};
+use avln_world::{Bank, ClipPool};
+
+/// The entries of a row by name.
+trait Entries {
+    fn entry(&self, layout: &Layout, name: &str) -> &OwnedArray;
+
+    /// Returns the number of an entry with a single integer.
+    fn integer(&self, layout: &Layout, name: &str) -> i64 {
+        let OwnedArray::I64(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values[0]
+    }
+
+    /// Returns the bytes of an entry.
+    fn bytes(&self, layout: &Layout, name: &str) -> Vec<u8> {
+        let OwnedArray::U8(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values.clone()
+    }
+
+    /// Returns the 32-bit integers of an entry.
+    fn shorts(&self, layout: &Layout, name: &str) -> Vec<i32> {
+        let OwnedArray::I32(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values.clone()
+    }
+
+    /// Returns the floats of an entry.
+    fn floats(&self, layout: &Layout, name: &str) -> Vec<f32> {
+        let OwnedArray::F32(values) = self.entry(layout, name) else { panic!("{name} has another type") };
+        values.clone()
+    }
+}
+
+impl Entries for OwnedRow {
+    fn entry(&self, layout: &Layout, name: &str) -> &OwnedArray {
+        &self.arrays[layout.arrays().iter().position(|spec| spec.name == name).expect("an entry")]
+    }
+}
+
+/// Small houses with one storey.
+fn small_houses(seed: u64) -> SourceOptions {
+    let curriculum =
+        Curriculum { goals: [1, 2], distance_m: [1.0, 100.0], rooms: Some([3, 4]), storeys: Some([1, 1]) };
+    let source = SourceOptions::new(SourceChoice::Recipe("paper".to_owned()), seed);
+    SourceOptions { curriculum, scenes: 1, ..source }
+}
+
+/// Small images, with privileged information.
+fn small_options() -> EnvOptions {
+    EnvOptions { privileged: true, goal_side: 16, ..EnvOptions::paper(64) }
+}
+
+fn audio() -> Audio {
+    Audio::from(Bank::of(ClipPool::Train))
+}
+
+fn env(number: u64) -> Env {
+    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    Env::new(number, source, small_options(), audio()).expect("an environment")
+}
+
+/// Follows the teacher to the episode's end; returns the last flags and the sum of rewards.
+fn follow_teacher(env: &mut Env, row: &mut OwnedRow) -> (StepFlags, f64) {
+    let layout = env.layout().clone();
+    let mut sum = 0.0;
+    loop {
+        let action = row.integer(&layout, "expert") as u32;
+        let flags = env.step(action, &mut row.row()).expect("a step");
+        sum += flags.reward;
+        if flags.is_over() {
+            return (flags, sum);
+        }
+    }
+}

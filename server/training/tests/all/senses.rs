@@ -1,8 +1,8 @@
 //! Senses without images and waveforms, images with ids, maps, and parts of pictures.
 
-use crate::memory::{OwnRow, audio, follow_teacher, small_houses, small_options};
+use crate::{Entries, audio, follow_teacher, small_houses, small_options};
 use avln_episode::{Rules, Sensors};
-use avln_training::{CheapSenses, Detail, Env, EnvOptions, EpisodeSource, Layout, RowSource};
+use avln_training::{CheapSenses, Detail, Env, EnvOptions, EpisodeSource, Layout, OwnedRow, RowSource};
 
 const ALL: CheapSenses = CheapSenses { lidar: true, ears: true, map: true };
 
@@ -21,7 +21,7 @@ fn env(options: EnvOptions, number: u64) -> Env {
 fn restored_states_have_equal_senses() {
     let (mut env, mut other) = (env(options(), 0), env(options(), 2));
     let layout = env.layout().clone();
-    let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
+    let (mut row, mut copy) = (OwnedRow::new(&layout), OwnedRow::new(&layout));
     env.reset(&mut row.row()).expect("an episode");
     for action in [0, 0, 1, 0, 2, 3, 0] {
         env.step(action, &mut row.row()).expect("a step");
@@ -40,7 +40,7 @@ fn restored_states_have_equal_senses() {
 fn lidar_turns_with_the_agent() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
     let before = row.floats(&layout, "lidar");
     env.step(1, &mut row.row()).expect("a step");
@@ -55,7 +55,7 @@ fn lidar_agrees_with_the_depth_ahead() {
     let seen = Sensors { depth: true, ..options().sensors };
     let mut env = env(EnvOptions { sensors: seen, ..options() }, 0);
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
     let mut close = 0;
     for step in 0..24 {
@@ -72,9 +72,9 @@ fn lidar_agrees_with_the_depth_ahead() {
 fn map_grows_and_never_covers_the_agent() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
-    let known = |row: &OwnRow| row.bytes(&layout, "map").iter().filter(|cell| **cell > 0).count();
+    let known = |row: &OwnedRow| row.bytes(&layout, "map").iter().filter(|cell| **cell > 0).count();
     let first = known(&row);
     assert!(first > 10, "{first} cells");
     assert!(row.bytes(&layout, "map").iter().all(|cell| *cell <= 2));
@@ -89,7 +89,7 @@ fn map_grows_and_never_covers_the_agent() {
 fn ears_hear_the_sounding_target() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
     let first = row.floats(&layout, "ears");
     assert_eq!(first.len(), 15);
@@ -102,7 +102,7 @@ fn ears_hear_the_sounding_target() {
 fn ears_are_zero_after_the_last_target() {
     let mut env = env(options(), 0);
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     let mut silent = false;
     for _ in 0..4 {
         env.reset(&mut row.row()).expect("an episode");
@@ -118,15 +118,15 @@ fn cheap_senses_do_not_change_the_others() {
     let plain = EnvOptions { cheap: CheapSenses::default(), ..small_options() };
     let (mut one, mut other) = (env(plain, 0), env(EnvOptions { cheap: ALL, ..small_options() }, 0));
     let layouts = [one.layout().clone(), other.layout().clone()];
-    let (mut row, mut copy) = (OwnRow::new(&layouts[0]), OwnRow::new(&layouts[1]));
+    let (mut row, mut copy) = (OwnedRow::new(&layouts[0]), OwnedRow::new(&layouts[1]));
     one.reset(&mut row.row()).expect("an episode");
     other.reset(&mut copy.row()).expect("an episode");
     for action in [0, 1, 0, 3] {
         let flags = one.step(action, &mut row.row()).expect("a step");
         assert_eq!(flags, other.step(action, &mut copy.row()).expect("a step"));
-        for (spec, values) in layouts[0].arrays().iter().zip(&row.values) {
+        for (spec, values) in layouts[0].arrays().iter().zip(&row.arrays) {
             let place = layouts[1].arrays().iter().position(|other| other.name == spec.name);
-            assert_eq!(values, &copy.values[place.expect("an entry")], "{}", spec.name);
+            assert_eq!(values, &copy.arrays[place.expect("an entry")], "{}", spec.name);
         }
     }
 }
@@ -172,7 +172,7 @@ fn mapped() -> Env {
 fn ids_show_targets_in_sight() {
     let mut env = mapped();
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     let mut seen = 0;
     for _ in 0..3 {
         env.reset(&mut row.row()).expect("an episode");
@@ -199,7 +199,7 @@ fn ids_are_equal_without_other_images() {
         (options.sensors.rgb, options.sensors.depth) = (has_images, false);
         let mut env = env(options, 0);
         let layout = env.layout().clone();
-        let mut row = OwnRow::new(&layout);
+        let mut row = OwnedRow::new(&layout);
         env.reset(&mut row.row()).expect("an episode");
         env.step(1, &mut row.row()).expect("a step");
         (row.shorts(&layout, "instance"), row.bytes(&layout, "semantic"))
@@ -212,7 +212,7 @@ fn ids_are_equal_without_other_images() {
 fn maps_show_walked_places_as_walkable() {
     let mut env = mapped();
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
     let map = row.bytes(&layout, "top_down");
     assert_eq!(map.len(), MAP_SIDE * MAP_SIDE);
@@ -239,7 +239,7 @@ fn overviews_have_path_and_targets() {
     let mut env = mapped();
     assert!(env.overview(64).is_err());
     let layout = env.layout().clone();
-    let mut row = OwnRow::new(&layout);
+    let mut row = OwnedRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
     assert!(env.overview(1).is_err());
     for action in [0, 0, 1, 0] {

@@ -1,9 +1,9 @@
 //! Accepted and refused sources.
 
-use crate::memory::small_houses;
+use crate::{audio, small_houses, small_options};
 use avln_dataset::Recipe;
 use avln_episode::{Order, Rules};
-use avln_training::{Curriculum, EpisodeSource, Goals, SourceChoice, SourceOptions};
+use avln_training::{Curriculum, Env, EnvOptions, EpisodeSource, Goals, SourceChoice, SourceOptions};
 use std::fs;
 use std::path::Path;
 
@@ -105,6 +105,22 @@ fn hard_rules_add_as_many_sources_as_goals() {
         assert_eq!(truth.distractor_sources.len(), truth.targets.len());
         let is_target = |id| truth.targets.iter().any(|target| target.instance == id);
         assert!(truth.distractor_sources.iter().all(|source| !is_target(source.instance)));
+    }
+}
+
+#[test]
+fn rules_for_other_regions_are_refused() {
+    let opened = |name: &str, max_steps: u32| {
+        let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+        let rules = Rules { max_steps, ..Rules::named(name).expect("rules") };
+        Env::new(0, source, EnvOptions { rules, ..small_options() }, audio())
+    };
+    for name in ["lh-avln-v1", "lh-avln-noisy-v1", "lh-avln-distinct-v1", "lh-avln-hard-v1"] {
+        assert!(opened(name, 50).is_ok(), "{name}");
+    }
+    for name in ["lh-avln-authors-v1", "lh-avln-mesh-v1"] {
+        let error = opened(name, 50).err().expect("refused").to_string();
+        assert!(error.starts_with(&format!("`rules` is {name}; the missions of this source")), "{error}");
     }
 }
 

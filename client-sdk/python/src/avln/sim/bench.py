@@ -16,21 +16,41 @@ _WALKS = 3
 """Number of actions without Submit and Stop."""
 
 
-def measure(num_envs: int, threads: int | None, size: int, senses: list[str], seconds: float) -> dict[str, float]:
-    """Walks at random for `seconds`; returns steps per second, processor seconds per step, and memory in MiB."""
-    envs = VectorEnv(num_envs, threads=threads, size=size, senses=senses, goal_cues=False, reward="none")
+def measure(
+    num_envs: int, threads: int | None, size: int, senses: list[str], seconds: float, batch_size: int | None = None
+) -> dict[str, float]:
+    """Walks at random for `seconds`; returns steps per second, processor seconds per step, and memory in MiB.
+
+    With `batch_size`, the walk uses `send` and `recv`.
+    """
+    envs = VectorEnv(
+        num_envs, threads=threads, batch_size=batch_size, size=size, senses=senses, goal_cues=False, reward="none"
+    )
     envs.reset(seed=0)
+    walk = _step if batch_size is None else _receive_and_send
     rng = np.random.default_rng(0)
     for _ in range(_WARM_UP_STEPS):
-        envs.step(rng.integers(_WALKS, size=num_envs))
+        _step(envs, rng)
+    if batch_size is not None:
+        envs.send(rng.integers(_WALKS, size=num_envs), np.arange(num_envs))
     steps, began_s, began_cpu_s = 0, time.perf_counter(), time.process_time()
     while time.perf_counter() - began_s < seconds:
-        envs.step(rng.integers(_WALKS, size=num_envs))
-        steps += num_envs
+        steps += walk(envs, rng)
     spent_s, spent_cpu_s = time.perf_counter() - began_s, time.process_time() - began_cpu_s
     memory_mib = _resident_mib()
     envs.close()
     return {"steps_per_s": steps / spent_s, "cpu_s_per_step": spent_cpu_s / steps, "rss_mib": memory_mib}
+
+
+def _step(envs: VectorEnv, rng: np.random.Generator) -> int:
+    envs.step(rng.integers(_WALKS, size=envs.num_envs))
+    return envs.num_envs
+
+
+def _receive_and_send(envs: VectorEnv, rng: np.random.Generator) -> int:
+    ids = envs.recv()[4]["env_id"]
+    envs.send(rng.integers(_WALKS, size=len(ids)), ids)
+    return len(ids)
 
 
 def _resident_mib() -> float:

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from avln.sim.options import Progress
+from avln.sim.options import Progress, SimError, check_render_mode
 from avln.sim.vector import VectorEnv
 
 if TYPE_CHECKING:
@@ -43,15 +43,18 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
             source: as for `VectorEnv`.
             reward: `progress`, `sparse` or `none`, coefficients of `progress`, or a function.
             render_mode: `rgb_array`, or None.
-            options: other arguments of `VectorEnv`.
+            options: other arguments of `VectorEnv`; by default one house and one thread.
 
         Raises:
             ValueError: if an option is out of range, or the source is not for training.
         """
         self._reward = None if isinstance(reward, (str, Progress)) else reward
         rule = reward if isinstance(reward, (str, Progress)) else "none"
-        fixed = {"scenes": 1, "threads": 1, "autoreset_mode": AutoresetMode.DISABLED}
-        self._vector = VectorEnv(1, source, reward=rule, **{**fixed, **options})
+        check_render_mode(render_mode)
+        if unsuitable := {"autoreset_mode", "batch_size"} & options.keys():
+            raise TypeError(f"Env has no {', '.join(sorted(unsuitable))}; use VectorEnv")
+        few = {"scenes": 1, "threads": 1, **options}
+        self._vector = VectorEnv(1, source, reward=rule, autoreset_mode=AutoresetMode.DISABLED, **few)
         self._seen: dict[str, Any] = {}
         self.render_mode = render_mode
         self.observation_space = self._vector.single_observation_space
@@ -75,8 +78,10 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
         """Performs an action.
 
         Raises:
-            SimError: if the action is invalid, or the episode has ended.
+            SimError: if the action is invalid, the episode has ended, or Ctrl-C interrupted the last step.
         """
+        if self._vector.running:
+            raise SimError("the last step was interrupted; call reset")
         observations, rewards, terminated, truncated, infos = self._vector.step([int(action)])
         self._seen, info = _first(observations), _first(infos)
         reward = float(rewards[0]) if self._reward is None else float(self._reward(self._seen, int(action), info))

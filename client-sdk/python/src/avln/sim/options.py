@@ -103,8 +103,11 @@ def native() -> Any:
         spec = importlib.util.spec_from_file_location("_native", path, loader=loader)
         if spec is None:
             raise ModuleNotFoundError(f"cannot load AVLN_NATIVE={path}")
-        module = importlib.util.module_from_spec(spec)
-        loader.exec_module(module)
+        try:
+            module = importlib.util.module_from_spec(spec)
+            loader.exec_module(module)
+        except ImportError as error:
+            raise ModuleNotFoundError(f"cannot load AVLN_NATIVE={path}: {error}") from None
         return module
     try:
         return importlib.import_module("avln.sim._native")
@@ -150,7 +153,7 @@ def to_json(
     unknown = [group for group in groups if group not in PRIVILEGED]
     if unknown:
         raise ValueError(f"`privileged` has {unknown}; use {', '.join(PRIVILEGED)}")
-    width, height = (size, size) if isinstance(size, int) else size
+    width, height = size if isinstance(size, tuple) else (size, size)
     options = {
         "num_envs": num_envs,
         "threads": threads or _processors(),
@@ -168,7 +171,14 @@ def to_json(
         **{sense: sense in senses for sense in known},
         **rest,
     }
-    return json.dumps(options)
+    # NumPy numbers become those of Python.
+    return json.dumps(options, default=lambda number: number.item())
+
+
+def check_render_mode(mode: str | None) -> None:
+    """Raises `ValueError` for an unknown render mode."""
+    if mode not in {None, "rgb_array"}:
+        raise ValueError(f"`render_mode` is {mode!r}; use 'rgb_array' or None")
 
 
 def _reward(reward: object) -> str | dict[str, float]:

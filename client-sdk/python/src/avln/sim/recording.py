@@ -48,9 +48,9 @@ def record(
     to = Path(path) if ffmpeg else Path(path).with_suffix(".gif")
     images = None if ffmpeg else _pillow()
     played = Env(**{"render_mode": "rgb_array", **env}) if isinstance(env, Mapping) else env
-    if played.render_mode is None:
-        raise ValueError('the environment has no render mode; create it with render_mode="rgb_array"')
     try:
+        if played.render_mode is None:
+            raise ValueError('the environment has no render mode; create it with render_mode="rgb_array"')
         frames = _frames(played, policy, episodes)
         if ffmpeg:
             _write_mp4(to, frames, fps, ffmpeg)

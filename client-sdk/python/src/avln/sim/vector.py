@@ -11,7 +11,17 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from avln.action import Action
-from avln.sim.options import SENSES, Curriculum, Folder, Progress, Scan, SimError, native, to_json
+from avln.sim.options import (
+    SENSES,
+    Curriculum,
+    Folder,
+    Progress,
+    Scan,
+    SimError,
+    check_render_mode,
+    native,
+    to_json,
+)
 from avln.sim.picture import HEIGHT_PX, draw
 
 if TYPE_CHECKING:
@@ -93,6 +103,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             autoreset_mode: behaviour at the end of an episode, as in Gymnasium.
             render_mode: `rgb_array`, or None.
         """
+        check_render_mode(render_mode)
         self._reward = None if isinstance(reward, (str, Progress)) else reward
         self._options: dict[str, Any] = {
             "source": source,
@@ -130,12 +141,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._observed = [name for name, *_, is_info in self._layout if not is_info]
         self._turn = np.zeros(self.num_envs, np.int64)
         self._actions = np.zeros(self.num_envs, np.int64)
-        self._is_running = np.zeros(self.num_envs, np.bool_)
 
     @property
-    def _running(self) -> int:
+    def running(self) -> int:
         """Number of environments with a task that `recv` has not returned."""
-        return int(self._is_running.sum())
+        return sum(self._native.running())
 
     def _set_batch_size(self, batch_size: int) -> None:
         self.batch_size = batch_size
@@ -173,21 +183,20 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ValueError("a list of seeds is not supported; one seed determines all environments")
         self._drain()
         if seed is not None:
-            self._native.close()
+            old = self._native
             self._begin(seed)
+            old.close()
         envs = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
         before = self._turn.copy()
         turn = int((before[0] + 1) % _BUFFERS)
         self._turn[:] = turn
-        # Until all results are here, also after Ctrl-C.
-        self._is_running[envs] = True
         self._native.send_resets(envs.tolist(), turn, envs.tolist())
         self._keep(turn, before, np.setdiff1d(np.arange(self.num_envs), envs))
         self._raise_errors(self._received(len(envs)))
         return self._observations(turn), self._infos(turn)
 
     def _keep(self, turn: int, before: NDArray[np.int64], envs: NDArray[np.int64]) -> None:
-        """Copies the rows of environments that take no part in a reset."""
+        """Copies the rows of environments whose last row is in another buffer."""
         for env in envs[before[envs] != turn]:
             for name, array in self._buffers[turn].items():
                 array[env] = self._buffers[before[env]][name][env]
@@ -210,7 +219,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         Raises:
             SimError: if a step is running.
         """
-        if self._running:
+        if self.running:
             raise SimError("a step is running; call step_wait or recv first")
         chosen = np.asarray(actions, np.int64)
         if chosen.shape != (self.num_envs,):
@@ -225,12 +234,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         Raises:
             SimError: as `step`, or if not all environments have a running step.
         """
-        if self._running < self.num_envs:
-            raise SimError(
-                f"{self._running} of {self.num_envs} environments have a running step; call step_async first"
-            )
+        if self.running < self.num_envs:
+            raise SimError(f"{self.running} of {self.num_envs} environments have a running step; call step_async first")
         results = self._received(self.num_envs)
         turn = int(self._turn[0])
+        # After partial calls of `send`, environments can differ in their buffer.
+        self._keep(turn, self._turn, np.arange(self.num_envs))
         rewards, terminated, truncated = self._flags(results)
         infos = self._infos(turn)
         self._add_finals(infos, np.arange(self.num_envs), terminated | truncated)
@@ -251,7 +260,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._check(envs, chosen)
         self._turn[envs] = (self._turn[envs] + 1) % _BUFFERS
         self._actions[envs] = chosen
-        self._is_running[envs] = True
         for turn in range(_BUFFERS):
             here = self._turn[envs] == turn
             rows = envs[here].tolist()
@@ -264,8 +272,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             )
         if ((envs < 0) | (envs >= self.num_envs)).any() or len(np.unique(envs)) < len(envs):
             raise ValueError(f"`env_ids` is {envs.tolist()}; use different numbers from 0 to {self.num_envs - 1}")
-        if self._is_running[envs].any():
-            running = envs[self._is_running[envs]].tolist()
+        is_running = self._native.running()
+        if running := [env for env in envs.tolist() if is_running[env]]:
             raise SimError(f"environments {running} have a running step; call recv first")
 
     def recv(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
@@ -276,8 +284,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         Raises:
             SimError: if fewer steps are running, or one has failed; the others are in the error's `results`.
         """
-        if self._running < self.batch_size:
-            raise SimError(f"{self._running} steps are running, fewer than the batch size {self.batch_size}")
+        if self.running < self.batch_size:
+            raise SimError(f"{self.running} steps are running, fewer than the batch size {self.batch_size}")
         results = self._received(self.batch_size)
         envs = np.array([result[0] for result in results])
         rows = {
@@ -289,7 +297,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._add_finals(infos, envs, flags[1] | flags[2])
         self._raise_errors(results, (rows, *flags, infos))
         if self._reward is not None:
-            flags[0] = np.asarray(self._reward(rows, self._actions[envs], infos), np.float64)
+            flags[0][:] = self._reward(rows, self._actions[envs], infos)
         return rows, flags[0], flags[1], flags[2], infos
 
     def state(self, env_id: int) -> bytes:
@@ -314,7 +322,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._check(np.array([env_id]), np.zeros(1, np.int64))
         turn = int(self._turn[env_id])
         self._native.send_restore(env_id, state, turn, env_id)
-        self._is_running[env_id] = True
         self._raise_errors(self._received(1))
         row = {name: array[env_id].copy() for name, array in self._buffers[turn].items()}
         return {name: row[name] for name in self._observed}, {
@@ -343,14 +350,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._native.close()
 
     def _drain(self) -> None:
-        if self._running:
-            self._received(self._running)
+        if self.running:
+            self._received(self.running)
 
     def _received(self, count: int) -> list[Any]:
         """Waits for results; Ctrl-C leaves them for the next call."""
-        results = self._native.recv(count)
-        self._is_running[[result[0] for result in results]] = False
-        return list(results)
+        return list(self._native.recv(count))
 
     def _observations(self, turn: int) -> Arrays:
         return {name: self._buffers[turn][name] for name in self._observed}
