@@ -50,7 +50,7 @@ bless:
 # Find code that no test checks: mutants of scoring, referee and quotas (hours)
 mutants *args:
     cargo mutants --package avln-scoring --package avln-referee {{args}}
-    cargo mutants --package avln-challenge --file server/benchmark/challenge/src/quota.rs --file server/benchmark/challenge/src/phase.rs {{args}}
+    cargo mutants --package avln-challenge --file server/benchmark/challenge/src/quota.rs --file server/benchmark/challenge/src/phase.rs --file server/benchmark/challenge/src/run.rs {{args}}
     cargo mutants --package avln-store --file server/io/store/src/admission.rs --file 'server/io/store/src/views/*.rs' {{args}}
 
 # Simulate the server for `steps` steps, with faults and restarts, from new seeds

@@ -249,3 +249,58 @@ pub struct EpisodeOutcome {
     /// Public metrics: name and value.
     pub metrics: Vec<(String, f64)>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Facts of a run without an episode.
+    fn unused(state: RunState) -> RunUse {
+        let (run, created_unix_ms) = ("a".to_owned(), 0);
+        RunUse { run, state, created_unix_ms, scored: 0, given_up: 0, server_faults: 0, in_progress: false }
+    }
+
+    #[test]
+    fn runs_are_charged_from_their_first_episode_on() {
+        let charged = |run: RunUse| run.charge().charged;
+        for state in [RunState::Created, RunState::Running, RunState::Completed] {
+            assert!(charged(unused(state)), "{state:?}");
+        }
+        for state in [RunState::Cancelled, RunState::Expired] {
+            assert!(!charged(unused(state)), "{state:?}");
+            assert!(charged(RunUse { scored: 1, ..unused(state) }), "{state:?}");
+            assert!(charged(RunUse { in_progress: true, ..unused(state) }), "{state:?}");
+            assert!(charged(RunUse { scored: 1, server_faults: 1, ..unused(state) }), "{state:?}");
+        }
+    }
+
+    #[test]
+    fn time_accounts_are_added_by_activity() {
+        let account = |simulation_s, encoding_s, queue_s, thinking_s| TimeAccount {
+            simulation_s,
+            encoding_s,
+            queue_s,
+            thinking_s,
+        };
+        let sum = account(1.0, 2.0, 3.0, 4.0).plus(&account(10.0, 20.0, 30.0, 40.0));
+        assert_eq!(sum, account(11.0, 22.0, 33.0, 44.0));
+        assert_eq!(account(1.4, 1.6, 0.2, 7.0).rounded(), account(1.0, 2.0, 0.0, 7.0));
+    }
+
+    #[test]
+    fn lost_episodes_free_a_run_after_its_end() {
+        let lost = |state| RunUse { scored: 3, given_up: 1, ..unused(state) }.charge();
+        assert!(lost(RunState::Running).charged);
+        for state in [RunState::Completed, RunState::Cancelled, RunState::Expired] {
+            assert_eq!(
+                (lost(state).charged, lost(state).reason),
+                (false, "the server lost an episode of it for good")
+            );
+        }
+        let failed = RunUse { scored: 3, ..unused(RunState::Failed) }.charge();
+        assert_eq!((failed.charged, failed.reason), (false, "the server failed"));
+        let faults = RunUse { server_faults: 1, ..unused(RunState::Cancelled) }.charge();
+        assert_eq!((faults.charged, faults.reason), (false, "the server lost every episode that began"));
+        assert_eq!(unused(RunState::Cancelled).charge().reason, "it ended before its first episode");
+    }
+}

@@ -158,7 +158,8 @@ fn odd_turns_are_refused_with_rays() {
     let error = Env::new(0, source(), EnvOptions { rules: rules.clone(), ..options() }, audio()).err();
     assert!(error.expect("refused").to_string().contains("multiple of 5 degrees"));
     let deaf = EnvOptions { rules, cheap: CheapSenses::default(), ..options() };
-    assert!(Env::new(0, source(), deaf, audio()).is_ok());
+    let error = Env::new(0, source(), deaf, audio()).err().expect("refused").to_string();
+    assert!(error.starts_with("`rules` is lh-avln-v1; the missions of this source"), "{error}");
 }
 
 const MAP_SIDE: usize = 512;
