@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from avln.sim.options import Progress, SimError, check_render_mode
+from avln.sim.options import Progress, SimError, known_render_mode
 from avln.sim.vector import VectorEnv
 
 if TYPE_CHECKING:
@@ -50,13 +50,12 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
         """
         self._reward = None if isinstance(reward, (str, Progress)) else reward
         rule = reward if isinstance(reward, (str, Progress)) else "none"
-        check_render_mode(render_mode)
+        self.render_mode = known_render_mode(render_mode)
         if unsuitable := {"autoreset_mode", "batch_size"} & options.keys():
             raise TypeError(f"Env has no {', '.join(sorted(unsuitable))}; use VectorEnv")
         few = {"scenes": 1, "threads": 1, **options}
         self._vector = VectorEnv(1, source, reward=rule, autoreset_mode=AutoresetMode.DISABLED, **few)
         self._seen: dict[str, Any] = {}
-        self.render_mode = render_mode
         self.observation_space = self._vector.single_observation_space
         self.action_space = self._vector.single_action_space
 

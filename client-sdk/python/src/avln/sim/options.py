@@ -175,10 +175,11 @@ def to_json(
     return json.dumps(options, default=lambda number: number.item())
 
 
-def check_render_mode(mode: str | None) -> None:
-    """Raises `ValueError` for an unknown render mode."""
+def known_render_mode(mode: str | None) -> str | None:
+    """Returns the mode; raises `ValueError` if it is unknown."""
     if mode not in {None, "rgb_array"}:
         raise ValueError(f"`render_mode` is {mode!r}; use 'rgb_array' or None")
+    return mode
 
 
 def _reward(reward: object) -> str | dict[str, float]:

@@ -18,7 +18,7 @@ from avln.sim.options import (
     Progress,
     Scan,
     SimError,
-    check_render_mode,
+    known_render_mode,
     native,
     to_json,
 )
@@ -103,7 +103,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             autoreset_mode: behaviour at the end of an episode, as in Gymnasium.
             render_mode: `rgb_array`, or None.
         """
-        check_render_mode(render_mode)
         self._reward = None if isinstance(reward, (str, Progress)) else reward
         self._options: dict[str, Any] = {
             "source": source,
@@ -123,7 +122,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             "teacher": teacher,
             "autoreset_mode": autoreset_mode,
         }
-        self.num_envs, self.render_mode = num_envs, render_mode
+        self.num_envs, self.render_mode = num_envs, known_render_mode(render_mode)
         self.metadata = {**self.metadata, "autoreset_mode": autoreset_mode}
         self._begin(seed)
         self._set_batch_size(num_envs if batch_size is None else batch_size)
