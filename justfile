@@ -56,7 +56,7 @@ mutants *args:
 # Simulate the server for `steps` steps, with faults and restarts, from new seeds
 simulate steps="1000000":
     AVLN_SIMULATION_SEED=${AVLN_SIMULATION_SEED:-$(date +%s)} AVLN_SIMULATION_STEPS={{steps}} \
-        cargo test --package avln-arena --test all -- simulation --nocapture
+        cargo test --package avln-arena --test all -- simulation:: --nocapture
 
 # Fuzz all readers of external bytes for `seconds` each, or only the given targets; without arguments an hour of processor time
 fuzz seconds="164" *targets:

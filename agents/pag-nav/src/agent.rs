@@ -10,8 +10,8 @@ use crate::trace::{Recorder, TraceError};
 use crate::verify::Warrant;
 use crate::weights::Weights;
 use avln_client::{
-    Action, Agent, DepthImage, FeedbackRule, Mission, Observation, Order, SilenceRule, SoundingRule,
-    TaskSpec, WrongSubmit,
+    Action, Agent, DepthImage, FeedbackRule, MethodType, Mission, Observation, Order, SilenceRule,
+    SoundingRule, TaskSpec, WrongSubmit,
 };
 use avln_kit::LOOK_M;
 use avln_kit::explorer::MotionController;
@@ -91,6 +91,11 @@ impl PagNav {
     /// Creates an agent that sees by the bundled network.
     pub fn new(weights: Weights) -> Self {
         Self::with(weights, Box::<NetworkRecognition>::default())
+    }
+
+    /// Returns the type of the method, by its perception.
+    pub fn method_type(&self) -> MethodType {
+        self.perception.method_type()
     }
 
     pub(crate) fn with(weights: Weights, perception: Box<dyn Recognition>) -> Self {

@@ -157,7 +157,7 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
     // Agents are created first: invalid files must not use up a run.
     let mut failures = Vec::new();
     let mut agents = args.run.agents(|| agent(&args, &mut failures))?;
-    let method = method(&args);
+    let method = method(&args, agents.first());
     let played = play(args.run, method, &mut agents, on_end).await;
     // All of them, also after an error of one.
     let traced: Vec<_> = agents.iter_mut().map(PagNav::end_trace).collect();
@@ -172,12 +172,8 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
 }
 
 /// Returns the method's name, type and sensors.
-fn method(args: &PagNavArgs) -> Method {
-    let method_type = match (&args.models, args.classical) {
-        (Some(_), _) => MethodType::FoundationModels,
-        (None, true) => MethodType::TrainingFree,
-        (None, false) => MethodType::LearntPerception,
-    };
+fn method(args: &PagNavArgs, agent: Option<&PagNav>) -> Method {
+    let method_type = agent.map_or(MethodType::LearntPerception, PagNav::method_type);
     let suffix = if args.classical { " classical" } else { "" };
     let name = args.method.clone().unwrap_or_else(|| format!("{}{suffix}", args.preset.method()));
     Method { name, version: env!("CARGO_PKG_VERSION"), method_type, sensors: Sensors::square(args.run.size) }
@@ -218,19 +214,16 @@ mod tests {
 
     #[test]
     fn classical_variant_is_training_free() {
+        let parsed = |options: &[&str]| Cli::try_parse_from([&["agent", "--token", "t"], options].concat());
         let method = |options: &[&str]| {
-            let command = [&["agent", "--token", "t"], options].concat();
-            Cli::try_parse_from(command).map(|cli| method(&cli.args))
+            let args = parsed(options).unwrap().args;
+            let Method { name, method_type, .. } = method(&args, agent(&args, &mut Vec::new()).ok().as_ref());
+            (name, method_type)
         };
-        let classical = method(&["--classical"]).unwrap();
-        assert_eq!(
-            (classical.name.as_str(), classical.method_type),
-            ("PAG-Nav classical", MethodType::TrainingFree)
-        );
-        let plain = method(&["--preset", "pag-nav-plus"]).unwrap();
-        assert_eq!((plain.name.as_str(), plain.method_type), ("PAG-Nav+", MethodType::LearntPerception));
-        assert_eq!(method(&["--models", "m.toml"]).unwrap().method_type, MethodType::FoundationModels);
-        assert!(method(&["--classical", "--models", "m.toml"]).is_err());
+        assert_eq!(method(&["--classical"]), ("PAG-Nav classical".to_owned(), MethodType::TrainingFree));
+        let plus = method(&["--preset", "pag-nav-plus"]);
+        assert_eq!(plus, ("PAG-Nav+".to_owned(), MethodType::LearntPerception));
+        assert!(parsed(&["--classical", "--models", "m.toml"]).is_err());
     }
 
     #[tokio::test]

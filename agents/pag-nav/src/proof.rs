@@ -3,8 +3,8 @@
 use crate::agent::PagNav;
 use crate::preset::{Ablation, Preset};
 use avln_client::{
-    Action, Agent, Audio, DepthImage, Feedback, FeedbackRule, GoalCue, Image, Mission, Observation, Order,
-    Pose, SilenceRule, TaskSpec,
+    Action, Agent, Audio, DepthImage, Feedback, FeedbackRule, GoalCue, Image, MethodType, Mission,
+    Observation, Order, Pose, SilenceRule, TaskSpec,
 };
 use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_kit::hearing::HeardSound;
@@ -246,6 +246,10 @@ impl Recognition for Scripted {
 
     fn refresh(&mut self) {
         self.script.lock().unwrap().is_refreshed = true;
+    }
+
+    fn method_type(&self) -> MethodType {
+        MethodType::TrainingFree
     }
 }
 

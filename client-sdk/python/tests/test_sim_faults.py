@@ -268,7 +268,12 @@ def test_steps_after_partial_sends_return_new_rows() -> None:
     envs.send([0, 0], [0, 1])
     observations, *_ = envs.step_wait()
     assert np.diff(observations["remaining"][:, 0]).tolist() == [-1]
-    assert np.diff(envs.step([0, 0])[0]["remaining"][:, 0]).tolist() == [-1]
+    held = observations["remaining"].copy()
+    envs.send([1], [1])
+    envs.recv()
+    assert np.array_equal(observations["remaining"], held), "valid until the second step"
+    envs.reset()
+    assert np.diff(envs.step([0, 0])[0]["remaining"][:, 0]).tolist() == [0]
     envs.close()
 
 
@@ -282,6 +287,25 @@ def test_refused_seeds_leave_the_environments() -> None:
     envs.close()
     with pytest.raises(RuntimeError, match="the environments are closed"):
         envs.reset(seed=1)
+    env = avln.sim.Env(**SMALL, senses=("depth",))
+    env.reset(seed=seed)
+    with pytest.raises(ValueError, match="`seed` is -1"):
+        env.reset(seed=-1)
+    env.step(0)
+    env.close()
+
+
+def test_interrupted_resets_can_be_repeated() -> None:
+    envs = vector(3, senses=("depth",))
+    envs.reset(seed=1)
+    envs.send([0], [1])
+    with pytest.raises(avln.sim.SimError, match="call step_wait, recv or reset first"):
+        envs.step([0, 0, 0])
+    with pytest.raises(avln.sim.SimError, match="1 of 3 environments have a running step; call step_async or reset"):
+        envs.step_wait()
+    observations, _ = envs.reset(options={"reset_mask": [False, False, True]})
+    assert observations["remaining"][:, 0].tolist() == [1000, 999, 1000]
+    envs.close()
 
 
 def test_numbers_of_numpy_are_options() -> None:
@@ -291,6 +315,9 @@ def test_numbers_of_numpy_are_options() -> None:
     envs.reset(seed=1)
     assert envs.step([1])[1].tolist() == [-0.5]
     envs.close()
+    vector(1, size=[96, 64], senses=("depth",)).close()
+    with pytest.raises(TypeError, match="neither a number nor a text"):
+        vector(1, rules=Path("rules"))
 
 
 def test_unsuitable_options_of_env_are_refused() -> None:

@@ -100,3 +100,35 @@ def test_whole_episodes_equal_the_server(hosted: tuple[Server, str, Path], order
         scores = {metric.name: metric.value for metric in client.runs(PHASE)[0].metrics or []}
     assert scores["sr"] == 1.0
     assert scores["spl"] == pytest.approx(np.mean(spl), abs=1e-6)
+
+
+def test_skipped_goals_are_not_found(furnished: Furnished, tmp_path: Path) -> None:
+    rules = "lh-avln-authors-v1"
+    (tmp_path / "recipe.json").write_text(json.dumps({**RECIPE, "rules": rules}))
+    server, data_set = furnished.copy(tmp_path / "data"), tmp_path / "dataset"
+    build = ("data", "dataset", "build", str(tmp_path / "recipe.json"), "--out", str(data_set), "--verifier", "none")
+    server.command(*build)
+    options: dict[str, Any] = {
+        "rules": rules,
+        "reward": "sparse",
+        "privileged": True,
+        "senses": ("depth",),
+        "size": SIDE,
+    }
+    curriculum = avln.sim.Curriculum(goals=(1, 4), distance_m=(0.0, 1000.0), order="ordered")
+    env = avln.sim.Env(avln.sim.Folder(data_set), curriculum=curriculum, **options)
+    _, info = env.reset(seed=1)
+    goals = int(info["is_open"].sum())
+    rewards = []
+    # The start is a metre or more away from all targets.
+    for skipped in range(1, goals):
+        _, reward, _, _, info = env.step(int(avln.Action.SUBMIT))
+        assert info["is_open"].sum() == goals - skipped
+        rewards.append(reward)
+    _, reward, terminated, _, info = env.step(int(avln.Action.STOP))
+    assert terminated
+    assert (info["success"], info["spl"], *rewards, reward) == (0.0,) * (goals + 2)
+    env.close()
+
+    with pytest.raises(ValueError, match="the missions of this source are built for 'lh-avln-authors-v1'"):
+        avln.sim.Env(avln.sim.Folder(data_set), curriculum=curriculum)

@@ -67,6 +67,7 @@ impl SuiteFolder {
             rules: rules.name.clone(),
             feedback: feedback_name(rules.feedback).to_owned(),
             side_px: plan.side,
+            split_seed: plan.size.split_seed,
         };
         let (folder, split) = (folder.to_owned(), Arc::new(split));
         Ok(Self { folder, data, dataset, edition, split, rules, _lock: lock })

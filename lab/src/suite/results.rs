@@ -41,6 +41,9 @@ pub struct EpisodeKey {
     /// Image side, pixels.
     #[serde(default)]
     pub side_px: u32,
+    /// Seed of the split's houses and missions; `None` for the recipe's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub split_seed: Option<u64>,
 }
 
 /// Facts about a mission and its house.
@@ -352,6 +355,7 @@ pub(super) mod samples {
                 rules: "lh-avln-v1".to_owned(),
                 feedback: "none".to_owned(),
                 side_px: 128,
+                split_seed: None,
             },
             scene: format!("paper-val-{house:04}"),
             mission: MissionFacts { reference_steps: 100 + episode, storeys: 1 + house % 2, area_m2: 120.0 },

@@ -50,7 +50,8 @@ fn header() -> Vec<String> {
     let mission =
         ["modalities", "steps_to_goals", "final_distances_m", "reference_steps", "storeys", "area_m2", "end"];
     let names = before.into_iter().chain(ids).chain(mission).map(str::to_owned);
-    let after = ["think_ms", "wall_s", "rules", "side_px", "seed", "program", "benchmark", "split"];
+    let after =
+        ["think_ms", "wall_s", "rules", "side_px", "seed", "program", "benchmark", "split", "split_seed"];
     names.chain(Cause::ALL.map(cause_column)).chain(after.map(str::to_owned)).collect()
 }
 
@@ -77,6 +78,7 @@ fn cells(line: &ResultLine) -> Vec<String> {
     cells.extend([line.think_ms, line.wall_s].map(|time| format!("{time:.3}")));
     cells.extend([key.rules.clone(), key.side_px.to_string(), key.seed.to_string()]);
     cells.extend([&key.program, &key.benchmark, &key.split].map(String::clone));
+    cells.push(key.split_seed.map_or_else(String::new, |seed| seed.to_string()));
     cells
 }
 
@@ -131,6 +133,10 @@ impl Row<'_> {
             rules: text("rules")?,
             feedback: text("feedback")?,
             side_px: self.number("side_px")?,
+            split_seed: match self.text("split_seed")? {
+                "" => None,
+                seed => Some(self.parsed("split_seed", seed)?),
+            },
         })
     }
 

@@ -14,7 +14,7 @@ const SNAP_M: f32 = 0.5;
 pub(crate) struct Guide {
     /// Walking distances from region to region, metres; infinite without a way.
     between_m: Vec<Vec<f64>>,
-    /// Next goal; `None` if all are found.
+    /// Next goal; `None` if all are found or skipped.
     pub(crate) routed: Option<usize>,
 }
 

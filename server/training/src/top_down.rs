@@ -228,7 +228,7 @@ pub struct Overview {
 pub struct TargetMark {
     /// Centre.
     pub place: [f32; 2],
-    /// True until it is found.
+    /// True until it is found or skipped.
     pub is_open: bool,
     /// True if it is on the agent's storey.
     pub is_here: bool,

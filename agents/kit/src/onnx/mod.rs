@@ -9,7 +9,7 @@ use crate::onnx::model::{CropBox, Model, Models, Numbers, unit, words};
 use crate::perception::cue::{Layout, Query};
 use crate::perception::objects::DetectedObject;
 use crate::perception::{Recognition, WIDER, WallTest};
-use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, TaskSpec};
+use avln_client::{DepthImage, GoalCue, Image, MethodType, Mission, Observation, TaskSpec};
 pub use model::ModelsError;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -192,6 +192,10 @@ impl Recognition for OnnxRecognition {
 
     fn category_of(&self, goal: usize) -> Option<&str> {
         self.goals.get(goal)?.category.as_deref()
+    }
+
+    fn method_type(&self) -> MethodType {
+        MethodType::FoundationModels
     }
 }
 

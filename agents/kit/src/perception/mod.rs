@@ -9,7 +9,7 @@ pub use cue::{CueWords, Layout, Query};
 pub use objects::{DetectedObject, Palette, detect_objects};
 
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
-use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
+use avln_client::{DepthImage, GoalCue, Image, MethodType, Mission, Observation, RgbImage, TaskSpec};
 use avln_perception::{
     CameraModel, Depth, Perception as _, Picture, Segment, Segmentation, VisionNetwork, WeightsError, lift,
 };
@@ -31,6 +31,9 @@ pub trait Recognition: Send {
 
     /// Returns the fit of an object in view with a goal in the last image, 0 to 1.
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32;
+
+    /// Returns the type of a method that sees in this way.
+    fn method_type(&self) -> MethodType;
 
     /// Forgets the last view: the next image is processed, even from almost the same pose.
     fn refresh(&mut self) {}
@@ -69,6 +72,10 @@ impl Recognition for ClassicalRecognition {
 
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32 {
         self.queries.get(goal).map_or(0.0, |query| query.fit(detection, &self.layout))
+    }
+
+    fn method_type(&self) -> MethodType {
+        MethodType::TrainingFree
     }
 }
 
@@ -129,6 +136,10 @@ impl Recognition for HintRecognition {
 
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32 {
         detection.embedding.get(goal).copied().unwrap_or(0.0)
+    }
+
+    fn method_type(&self) -> MethodType {
+        MethodType::TrainingFree
     }
 }
 
@@ -293,6 +304,10 @@ impl Recognition for NetworkRecognition {
             GoalMatcher::Words(_) => None,
             GoalMatcher::Picture(seen, _) => seen.as_ref().map(|seen| seen.category.as_str()),
         }
+    }
+
+    fn method_type(&self) -> MethodType {
+        MethodType::LearntPerception
     }
 }
 

@@ -274,7 +274,9 @@ fn head(track: &TrackResults<'_>) -> Option<String> {
         track.lines.iter().map(|line| (line.scene.as_str(), *line)).collect();
     let orders = ORDERS.map(|order| missions(track, order));
     let most = orders.iter().map(BTreeMap::len).max().unwrap_or(0);
-    let mut rows = vec![("missions", format!("{most} in {} houses: {}", houses.len(), split(&key.track)))];
+    let seed = key.split_seed.map_or_else(String::new, |seed| format!("; split seed {seed}"));
+    let count = houses.len();
+    let mut rows = vec![("missions", format!("{most} in {count} houses: {}{seed}", split(&key.track)))];
     let names = ["reference, ordered", "reference, unordered"];
     rows.extend(names.into_iter().zip(orders.iter().map(reference)));
     rows.extend([

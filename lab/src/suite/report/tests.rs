@@ -62,6 +62,18 @@ fn head_states_missions_houses_and_versions() {
 }
 
 #[test]
+fn fresh_missions_are_named() {
+    let fresh = |mut line: ResultLine| {
+        line.key.split_seed = Some(7);
+        line
+    };
+    let lines: Vec<_> = sample().into_iter().map(fresh).collect();
+    let SuiteReport { page, episodes, .. } = page(&lines);
+    assert!(page.contains("unseen in training and tuning; split seed 7 |"), "{page}");
+    assert!(episodes.lines().nth(1).is_some_and(|row| row.ends_with(",7")), "{episodes}");
+}
+
+#[test]
 fn rows_show_type_and_distance_to_the_floor() {
     let page = page(&sample()).page;
     let table = part(&page, "### Unordered: all agents");

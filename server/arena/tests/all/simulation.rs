@@ -44,7 +44,7 @@ fn simulate(seed: u64, steps: u64) -> String {
         let World { step, trace, .. } = &world;
         panic!(
             "simulation with seed {seed}, step {step}: {violation}\nlast events:\n{trace}\
-             repeat with: AVLN_SIMULATION_SEED={seed} AVLN_SIMULATION_STEPS={steps} cargo test -p avln-arena --test all simulation"
+             repeat with: AVLN_SIMULATION_SEED={seed} AVLN_SIMULATION_STEPS={steps} cargo test -p avln-arena --test all simulation::"
         );
     }
     println!("seed {seed}: {}, digest {digest}, {:.1} s", world.summary(), begun.elapsed().as_secs_f64());

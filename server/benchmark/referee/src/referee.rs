@@ -143,7 +143,7 @@ impl Referee {
         self.goals.iter().map(|&state| state == GoalState::Open).collect()
     }
 
-    /// Returns per goal whether it is found; neither open nor found goals were skipped. Hidden from agents.
+    /// Returns per goal whether it is found; a skipped goal is neither open nor found. Hidden from agents.
     pub fn is_found(&self) -> Vec<bool> {
         self.goals.iter().map(|&state| state == GoalState::Found).collect()
     }

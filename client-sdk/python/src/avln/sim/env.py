@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import index
 from typing import TYPE_CHECKING, Any, Callable
 
 import gymnasium
@@ -66,8 +67,12 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
 
         Raises:
             SimError: if a scene cannot be prepared.
-            ValueError: if options are given.
+            ValueError: if options are given, or the seed is negative.
         """
+        if seed is not None:
+            seed = index(seed)
+            if seed < 0:
+                raise ValueError(f"`seed` is {seed}; use a number from 0 on")
         super().reset(seed=seed)
         observations, infos = self._vector.reset(seed=seed, options=options)
         self._seen = _first(observations)

@@ -11,6 +11,8 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -153,7 +155,7 @@ def to_json(
     unknown = [group for group in groups if group not in PRIVILEGED]
     if unknown:
         raise ValueError(f"`privileged` has {unknown}; use {', '.join(PRIVILEGED)}")
-    width, height = size if isinstance(size, tuple) else (size, size)
+    width, height = np.broadcast_to(size, 2).tolist()
     options = {
         "num_envs": num_envs,
         "threads": threads or _processors(),
@@ -171,8 +173,14 @@ def to_json(
         **{sense: sense in senses for sense in known},
         **rest,
     }
-    # NumPy numbers become those of Python.
-    return json.dumps(options, default=lambda number: number.item())
+    return json.dumps(options, default=_number)
+
+
+def _number(value: Any) -> Any:
+    """Returns a NumPy number as one of Python."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"cannot use the option {value!r}: a {type(value).__name__} is neither a number nor a text")
 
 
 def known_render_mode(mode: str | None) -> str | None:

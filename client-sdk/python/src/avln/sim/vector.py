@@ -186,11 +186,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             self._begin(seed)
             old.close()
         envs = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
-        before = self._turn.copy()
-        turn = int((before[0] + 1) % _BUFFERS)
+        turn = int((self._turn[0] + 1) % _BUFFERS)
+        self._keep(turn, self._turn, np.setdiff1d(np.arange(self.num_envs), envs))
         self._turn[:] = turn
         self._native.send_resets(envs.tolist(), turn, envs.tolist())
-        self._keep(turn, before, np.setdiff1d(np.arange(self.num_envs), envs))
         self._raise_errors(self._received(len(envs)))
         return self._observations(turn), self._infos(turn)
 
@@ -219,7 +218,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             SimError: if a step is running.
         """
         if self.running:
-            raise SimError("a step is running; call step_wait or recv first")
+            raise SimError("a step is running; call step_wait, recv or reset first")
         chosen = np.asarray(actions, np.int64)
         if chosen.shape != (self.num_envs,):
             raise ValueError(f"`actions` has shape {chosen.shape}; use ({self.num_envs},)")
@@ -234,7 +233,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             SimError: as `step`, or if not all environments have a running step.
         """
         if self.running < self.num_envs:
-            raise SimError(f"{self.running} of {self.num_envs} environments have a running step; call step_async first")
+            raise SimError(
+                f"{self.running} of {self.num_envs} environments have a running step; call step_async or reset first"
+            )
         results = self._received(self.num_envs)
         turn = int(self._turn[0])
         # After partial calls of `send`, environments can differ in their buffer.
@@ -242,6 +243,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         rewards, terminated, truncated = self._flags(results)
         infos = self._infos(turn)
         self._add_finals(infos, np.arange(self.num_envs), terminated | truncated)
+        self._turn[:] = turn
         observations = self._observations(turn)
         self._raise_errors(results, (observations, rewards, terminated, truncated, infos))
         if self._reward is not None:
@@ -284,7 +286,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             SimError: if fewer steps are running, or one has failed; the others are in the error's `results`.
         """
         if self.running < self.batch_size:
-            raise SimError(f"{self.running} steps are running, fewer than the batch size {self.batch_size}")
+            raise SimError(
+                f"{self.running} steps are running, fewer than the batch size {self.batch_size}; call send or reset"
+            )
         results = self._received(self.batch_size)
         envs = np.array([result[0] for result in results])
         rows = {

@@ -80,6 +80,8 @@ fn claim_at_distractor_is_recorded() {
 fn authors_rules_skip_goals_after_wrong_submits() {
     let mut referee = episode(Order::Ordered, Rules::authors(), blind());
     go(&mut referee, &[(Submit, 1)]);
+    let (open, found) = (referee.is_open(), referee.is_found());
+    assert!(!open[0] && open[1..].iter().all(|open| *open) && !found.contains(&true), "{open:?} {found:?}");
     let facts = record(referee);
     assert_eq!((facts.submits[0].completed, facts.submits[0].skipped), (None, Some(0)));
 }
