@@ -123,9 +123,11 @@ impl Scenes for RecipeHouses {
 
     fn scene(&self, number: u64) -> Result<PreparedScene, TrainingError> {
         let job = Job { split: self.split, scene: number as usize };
-        // As in data sets: a house without suitable missions is drawn again.
-        (1..Recipe::HOUSE_DRAWS)
-            .fold(self.drawn(job, 0), |last, attempt| last.or_else(|_| self.drawn(job, attempt)))
+        // As in data sets, an unsuitable house is drawn again; without a mission within the curriculum, the next house is as good.
+        (1..Recipe::HOUSE_DRAWS).fold(self.drawn(job, 0), |last, attempt| match last {
+            Ok(_) | Err(TrainingError::NoMission { .. }) => last,
+            Err(_) => self.drawn(job, attempt),
+        })
     }
 }
 

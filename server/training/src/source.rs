@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
 /// Scenes in a row that may have no mission within the curriculum.
-const MOST_SCENES: u64 = 8;
+const MOST_SCENES: u64 = 16;
 
 /// Origin of training scenes.
 #[derive(Clone, Debug, PartialEq)]
@@ -189,7 +189,7 @@ impl EpisodeSource {
     /// within the curriculum, or without enough distractor sources, is replaced by the next one.
     ///
     /// # Errors
-    /// If a scene cannot be prepared, or none of eight scenes has a mission within the curriculum and its distractor sources.
+    /// If a scene cannot be prepared, or none of 16 scenes has a mission within the curriculum and its distractor sources.
     pub fn episode(&self, env: u64, number: u64, rules: &Rules) -> Result<TrainingEpisode, TrainingError> {
         let first = self.scene_number(env, number);
         let loaded = self.next_with_mission(first, rules)?;

@@ -15,7 +15,9 @@ const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
 fn teacher_completes_missions_on_shortest_paths() {
-    let mut env = env(0);
+    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let mut env = Env::new(0, source, EnvOptions { teacher: Teacher::Path, ..exploring() }, audio())
+        .expect("an environment");
     let layout = env.layout().clone();
     let mut row = OwnedRow::new(&layout);
     let (mut complete, mut spl) = (0, 0.0);
