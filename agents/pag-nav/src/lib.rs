@@ -97,7 +97,7 @@ pub struct PagNavArgs {
     /// Weights and extensions
     #[arg(long, value_enum, default_value_t, value_name = "NAME")]
     pub preset: Preset,
-    /// Name of the method on the leaderboard; default: PAG-Nav or PAG-Nav+, with `classical` for this option
+    /// Name of the method on the leaderboard; default: PAG-Nav or PAG-Nav+, followed by `classical` with --classical
     #[arg(long, value_name = "NAME")]
     pub method: Option<String>,
     /// Recognise objects by depth and colours, without a network: the training-free variant

@@ -28,7 +28,7 @@ pub(crate) struct NativeVector {
     buffers: Mutex<Vec<Arc<Buffer>>>,
     /// Results that an interrupted `recv` has left.
     received: Mutex<Vec<StepResult>>,
-    /// True for environments with a task whose result no `recv` has returned. Python code can be interrupted between two calls.
+    /// True from the start of a task until `recv` returns the result. Python code can be interrupted between two calls.
     is_running: Mutex<Vec<bool>>,
     process: u32,
 }

@@ -194,7 +194,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return self._observations(turn), self._infos(turn)
 
     def _keep(self, turn: int, before: NDArray[np.int64], envs: NDArray[np.int64]) -> None:
-        """Copies the rows of environments whose last row is in another buffer."""
+        """Copies rows from the other buffer, for environments that wrote there last."""
         for env in envs[before[envs] != turn]:
             for name, array in self._buffers[turn].items():
                 array[env] = self._buffers[before[env]][name][env]
