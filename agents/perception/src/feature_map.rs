@@ -60,7 +60,7 @@ impl FeatureMap {
         taps: impl Fn(usize) -> [usize; TAPS],
         least: f32,
     ) {
-        run_at(Width::Eight, Convolution { map: self, layer, from, step, length, taps, least });
+        run_at(Width::Sixteen, Convolution { map: self, layer, from, step, length, taps, least });
     }
 
     /// Adds `coarse`, upsampled by 2.
@@ -131,19 +131,11 @@ impl<T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Work for Convolution<'_, 
         let whole = panels - panels % PANELS;
         for panel in (0..whole).step_by(PANELS) {
             let weights = [0, 1, 2].map(|next| self.weights(panel + next));
-            self.rows(
-                panel,
-                |from, at, step| three(from, at, step, weights),
-                |from, at, step| three(from, at, step, weights),
-            );
+            self.rows(panel, weights);
         }
         for panel in whole..panels {
-            let weights = self.weights(panel);
-            self.rows(
-                panel,
-                |from, at, step| [one(from, at, step, weights)],
-                |from, at, step| [one(from, at, step, weights)],
-            );
+            let weights = [self.weights(panel)];
+            self.rows(panel, weights);
         }
     }
 }
@@ -167,14 +159,12 @@ impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Convolution<'a, T> {
         PanelWeights { taps: &self.layer.panels[panel * count..][..count], length: self.length, bias }
     }
 
-    /// Fills all rows from `panel` on: full tiles by `tile`, the rest of a row by `single`.
+    /// Fills all rows from `panel` on: full tiles, and the rest of a row pixel by pixel.
     #[inline(always)]
-    fn rows<const COUNT: usize>(
-        &mut self,
-        panel: usize,
-        tile: impl Fn(&[f32], &[usize], usize) -> [Sums<TILE>; COUNT],
-        single: impl Fn(&[f32], &[usize], usize) -> [Sums<1>; COUNT],
-    ) {
+    fn rows<const COUNT: usize>(&mut self, panel: usize, weights: [PanelWeights<'a>; COUNT])
+    where
+        [PanelWeights<'a>; COUNT]: Kernel<COUNT>,
+    {
         for row in 0..self.map.height {
             // The order of summation is fixed, whatever the vector width: calibration compares bits
             // (docs/decisions/0019).
@@ -183,10 +173,10 @@ impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Convolution<'a, T> {
             while column < width {
                 let at = taps.map(|tap| tap + column * self.step);
                 if column + TILE <= width {
-                    self.keep(row, column, panel, &tile(self.from, &at, self.step));
+                    self.keep(row, column, panel, &weights.sums::<TILE>(self.from, &at, self.step));
                     column += TILE;
                 } else {
-                    self.keep(row, column, panel, &single(self.from, &at, self.step));
+                    self.keep(row, column, panel, &weights.sums::<1>(self.from, &at, self.step));
                     column += 1;
                 }
             }
@@ -206,48 +196,48 @@ impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Convolution<'a, T> {
     }
 }
 
-/// Sums values times weights over the stretches at `taps`, for pixels that are `step` apart.
-#[inline(always)]
-fn one<const PIXELS: usize>(
-    from: &[f32],
-    taps: &[usize],
-    step: usize,
-    weights: PanelWeights,
-) -> Sums<PIXELS> {
-    let mut sums = [weights.bias; PIXELS];
-    for (start, weights) in taps.iter().zip(weights.taps.chunks_exact(weights.length)) {
-        let values = stretches::<PIXELS>(from, *start, step, weights.len());
-        for (index, weights) in weights.iter().enumerate() {
-            add(&mut sums, &values, index, weights);
-        }
-    }
-    sums
+/// Weights of `COUNT` panels. A method instead of a closure, which the compiler might call instead of inline.
+trait Kernel<const COUNT: usize> {
+    /// Sums values times weights over the stretches at `taps`, for pixels that are `step` apart.
+    fn sums<const PIXELS: usize>(self, from: &[f32], taps: &[usize], step: usize) -> [Sums<PIXELS>; COUNT];
 }
 
-/// Three panels at once, reading every value once.
-#[inline(always)]
-fn three<const PIXELS: usize>(
-    from: &[f32],
-    taps: &[usize],
-    step: usize,
-    [a, b, c]: [PanelWeights; PANELS],
-) -> [Sums<PIXELS>; PANELS] {
-    let [mut sums_a, mut sums_b, mut sums_c] = [[a.bias; PIXELS], [b.bias; PIXELS], [c.bias; PIXELS]];
-    let length = a.length;
-    for (tap, start) in taps.iter().enumerate() {
-        let values = stretches::<PIXELS>(from, *start, step, length);
-        let (a, b, c) = (
-            &a.taps[tap * length..][..length],
-            &b.taps[tap * length..][..length],
-            &c.taps[tap * length..][..length],
-        );
-        for index in 0..length {
-            add(&mut sums_a, &values, index, &a[index]);
-            add(&mut sums_b, &values, index, &b[index]);
-            add(&mut sums_c, &values, index, &c[index]);
+impl Kernel<1> for [PanelWeights<'_>; 1] {
+    #[inline(always)]
+    fn sums<const PIXELS: usize>(self, from: &[f32], taps: &[usize], step: usize) -> [Sums<PIXELS>; 1] {
+        let [weights] = self;
+        let mut sums = [weights.bias; PIXELS];
+        for (start, weights) in taps.iter().zip(weights.taps.chunks_exact(weights.length)) {
+            let values = stretches::<PIXELS>(from, *start, step, weights.len());
+            for (index, weights) in weights.iter().enumerate() {
+                add(&mut sums, &values, index, weights);
+            }
         }
+        [sums]
     }
-    [sums_a, sums_b, sums_c]
+}
+
+impl Kernel<PANELS> for [PanelWeights<'_>; PANELS] {
+    #[inline(always)]
+    fn sums<const PIXELS: usize>(self, from: &[f32], taps: &[usize], step: usize) -> [Sums<PIXELS>; PANELS] {
+        let [a, b, c] = self;
+        let (mut sums_a, mut sums_b, mut sums_c) = ([a.bias; PIXELS], [b.bias; PIXELS], [c.bias; PIXELS]);
+        let length = a.length;
+        for (tap, start) in taps.iter().enumerate() {
+            let values = stretches::<PIXELS>(from, *start, step, length);
+            let (a, b, c) = (
+                &a.taps[tap * length..][..length],
+                &b.taps[tap * length..][..length],
+                &c.taps[tap * length..][..length],
+            );
+            for index in 0..length {
+                add(&mut sums_a, &values, index, &a[index]);
+                add(&mut sums_b, &values, index, &b[index]);
+                add(&mut sums_c, &values, index, &c[index]);
+            }
+        }
+        [sums_a, sums_b, sums_c]
+    }
 }
 
 /// Returns the stretches for several pixels at one tap.
@@ -368,9 +358,12 @@ mod tests {
             );
             map.values
         };
-        let (four, eight) = (convolved(Width::Portable), convolved(Width::Eight));
-        assert!(four.iter().zip(&eight).all(|(a, b)| a.to_bits() == b.to_bits()));
-        assert!(four.iter().any(|value| *value > 0.0));
+        let portable = convolved(Width::Portable);
+        for wide in [Width::Eight, Width::Sixteen] {
+            let equal = portable.iter().zip(convolved(wide)).all(|(a, b)| a.to_bits() == b.to_bits());
+            assert!(equal, "{wide:?}");
+        }
+        assert!(portable.iter().any(|value| *value > 0.0));
     }
 
     #[test]

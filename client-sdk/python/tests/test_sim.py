@@ -100,6 +100,25 @@ def whole_episode(order: str, num_envs: int, threads: int) -> list[dict[str, Any
     return steps[1:]
 
 
+def test_arrays_are_aligned_for_jax() -> None:
+    envs = vector(3)
+    observations, _ = envs.reset(seed=1)
+    for name, array in observations.items():
+        assert array.ctypes.data % 64 == 0, name
+    envs.close()
+
+
+def test_arrays_are_shared_with_jax() -> None:
+    jax = pytest.importorskip("jax", reason="pip install jax")
+    envs = vector(3)
+    observations, _ = envs.reset(seed=1)
+    # By default, JAX converts int64 to int32.
+    for name, array in ((name, array) for name, array in observations.items() if array.dtype != np.int64):
+        shared = jax.dlpack.from_dlpack(array)
+        assert shared.unsafe_buffer_pointer() == array.ctypes.data, name
+    envs.close()
+
+
 def test_arrays_are_shared_with_torch() -> None:
     torch = pytest.importorskip("torch", reason="pip install torch")
     envs = vector(1, senses=("depth",))

@@ -18,7 +18,7 @@
 //!     }
 //! }
 //!
-//! assert_eq!(run_at(Width::Eight, Sum(&[1.0, 2.0, 3.5])), 6.5);
+//! assert_eq!(run_at(Width::Sixteen, Sum(&[1.0, 2.0, 3.5])), 6.5);
 //! ```
 
 use memmap2::Mmap;
@@ -54,6 +54,8 @@ pub enum Width {
     Portable,
     /// Eight floats (AVX2, x86-64-v3), if the processor supports them.
     Eight,
+    /// Sixteen floats and twice the registers (AVX-512, x86-64-v4), if the processor supports them.
+    Sixteen,
 }
 
 /// A computation. All speed-critical functions, including this method, must be `#[inline(always)]`: code that
@@ -69,9 +71,15 @@ pub trait Work {
 #[inline]
 pub fn run_at<W: Work>(width: Width, work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
-    if width == Width::Eight && has_eight() {
-        // SAFETY: the processor supports all instructions that the function is compiled for.
-        return unsafe { run_eight(work) };
+    {
+        if width == Width::Sixteen && has_sixteen() {
+            // SAFETY: the processor supports all instructions that the function is compiled for.
+            return unsafe { run_sixteen(work) };
+        }
+        if width >= Width::Eight && has_eight() {
+            // SAFETY: as above.
+            return unsafe { run_eight(work) };
+        }
     }
     let _ = width;
     work.run()
@@ -90,6 +98,22 @@ fn has_eight() -> bool {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn run_eight<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_sixteen() -> bool {
+    has_eight()
+        && is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512cd")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl")
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512cd,avx512dq,avx512vl")]
+fn run_sixteen<W: Work>(work: W) -> W::Output {
     work.run()
 }
 
@@ -123,6 +147,8 @@ mod tests {
     fn results_are_equal_at_every_width() {
         let values = std::array::from_fn(|i| (i as f32).sqrt());
         let portable = run_at(Width::Portable, Sum(values));
-        assert_eq!(run_at(Width::Eight, Sum(values)).to_bits(), portable.to_bits());
+        for wide in [Width::Eight, Width::Sixteen] {
+            assert_eq!(run_at(wide, Sum(values)).to_bits(), portable.to_bits(), "{wide:?}");
+        }
     }
 }

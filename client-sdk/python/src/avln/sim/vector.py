@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 Arrays = dict[str, "NDArray[Any]"]
 VectorReward = Callable[[Arrays, "NDArray[np.int64]", dict[str, Any]], "ArrayLike"]
 """Reward function: observations and infos after the step, and the actions; returns a number per environment."""
+_ALIGNMENT = 64
+"""JAX copies arrays that do not start at a multiple of these bytes."""
 
 PAPER = Curriculum()
 """The missions of the benchmark."""
@@ -153,7 +155,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ValueError(f"`batch_size` is {batch_size}; 1 to {self.num_envs} are possible")
 
     def _arrays(self) -> Arrays:
-        return {name: np.zeros((self.num_envs, *shape), kind) for name, kind, shape, _ in self._layout}
+        return {name: _zeros((self.num_envs, *shape), kind) for name, kind, shape, _ in self._layout}
 
     def _make_spaces(self, most_submits: int) -> None:
         farthest_m, max_steps = self._native.limits()
@@ -390,6 +392,13 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             error = SimError("; ".join(sorted(set(messages))))
             error.results = returned
             raise error
+
+
+def _zeros(shape: tuple[int, ...], kind: str) -> NDArray[Any]:
+    size = int(np.prod(shape)) * np.dtype(kind).itemsize
+    memory = np.zeros(size + _ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % _ALIGNMENT
+    return memory[start : start + size].view(kind).reshape(shape)
 
 
 def _space(name: str, kind: str, shape: list[int], most: dict[str, float]) -> spaces.Space[Any]:
