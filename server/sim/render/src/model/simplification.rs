@@ -4,8 +4,10 @@
 //! triangles appear, so every remaining triangle has its original number. The surface moves by less than the
 //! edge, or less along flat surfaces and straight borders.
 
+use avln_geom::convert::glam_from_point;
 use avln_geom::{Point3, Vector3};
 use avln_scene::Mesh;
+use parry3d::{query::PointQuery, shape::Segment};
 use std::ops::Range;
 
 /// Error of a colour change from black to white, metres.
@@ -262,7 +264,8 @@ impl Simplification {
             Border::Inner => 0.0,
             Border::Line([a, b]) if a == to || b == to => {
                 let other = if a == to { b } else { a };
-                distance_to_segment(old, new, &self.points[other as usize])
+                let [from, to, old] = [new, &self.points[other as usize], old].map(glam_from_point);
+                Segment::new(from, to).distance_to_local_point(old, true)
             }
             _ => return None,
         };
@@ -362,13 +365,6 @@ impl Stars {
         let [first, end] = [0, 1].map(|next| self.first[point as usize + next] as usize);
         &self.triangles[first..end]
     }
-}
-
-fn distance_to_segment(point: &Point3<f32>, from: &Point3<f32>, to: &Point3<f32>) -> f32 {
-    let (along, offset) = (to - from, point - from);
-    let length = along.norm_squared();
-    let share = if length > 0.0 { (along.dot(&offset) / length).clamp(0.0, 1.0) } else { 0.0 };
-    (offset - along * share).norm()
 }
 
 /// Returns the weights of the corners at a point projected onto a triangle with this normal.
