@@ -80,7 +80,7 @@ impl Building {
     /// Returns the same building with settings for levels.
     pub(crate) fn for_levels(&self) -> Self {
         let head = self.settings.head.clone();
-        let settings = Settings { response_s: 0.5, ray_count: 2048, reflection_order: 0, head };
+        let settings = Settings { response_s: 0.5, ray_count: 1024, reflection_order: 0, head };
         Self { settings, cells: Arc::new(self.cells.larger(&self.air)), ..self.clone() }
     }
 
