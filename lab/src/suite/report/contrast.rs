@@ -140,6 +140,13 @@ pub(super) fn average(values: impl Iterator<Item = f64>) -> (f64, usize) {
     (if count == 0 { 0.0 } else { sum / count as f64 }, count)
 }
 
+/// Returns the middle value, the upper one of two; 0 without values.
+pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
 pub(super) const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 
 /// A part of the page, with the charts in `images/` by file name.
@@ -253,6 +260,12 @@ mod tests {
         assert_eq!((tested.count, tested.scenes, tested.p), (11, 11, 1.0 / 1024.0));
         assert_eq!((tested.value, tested.low, tested.high), (0.5, 0.5, 0.5));
         assert!(tested.is_significant());
+    }
+
+    #[test]
+    fn median_ignores_outliers() {
+        assert_eq!(median([5.0, 90.0, 4.0].into_iter()), 5.0);
+        assert_eq!((median([1.0, 2.0].into_iter()), median(std::iter::empty())), (2.0, 0.0));
     }
 
     #[test]

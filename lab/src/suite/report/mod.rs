@@ -11,7 +11,7 @@ use super::{AgentVariant, Cause, ResultLine, host::results_path, results, table}
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
-use contrast::{Contrast, ORDERS, PageSection, average, correct, list, p, points};
+use contrast::{Contrast, ORDERS, PageSection, average, correct, list, median, p, points};
 use selection::{RowResults, TrackResults, comparable};
 use std::{collections::BTreeMap, fmt::Write as _, path::Path};
 
@@ -104,14 +104,15 @@ impl ReportPage<'_> {
         labels.extend(["ms per action", "hours"]);
         let rows = self.tables("all agents", &header_of(&labels), |variant, order, played| {
             let summary = played.summary().filter(|_| !is_ablation(variant))?;
-            let (think_ms, _) = average(played.lines.iter().map(|line| line.think_ms));
+            let think_ms = median(played.lines.iter().map(|line| line.think_ms));
             let mut cells = cells_with_floor(&self.track, variant, order, &summary);
             cells.extend([format!("{think_ms:.1}"), format!("{:.2}", wall_h(&played.lines))]);
             Some(format!("| {} |", cells.join(" | ")))
         });
         format!(
             "## All agents\n\nIn an unordered mission every sound is an unfinished target: the sound-follower, without vision, is \
-             the floor. Its column lists the difference in SR on common missions, in percentage points.\n{rows}"
+             the floor. Its column lists the difference in SR on common missions, in percentage points. The time per action is \
+             the median over the episodes, which were played beside other programs.\n{rows}"
         )
     }
 
