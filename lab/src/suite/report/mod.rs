@@ -15,8 +15,7 @@ use contrast::{Contrast, ORDERS, PageSection, average, correct, list, median, p,
 use selection::{RowResults, TrackResults, comparable};
 use std::{collections::BTreeMap, fmt::Write as _, path::Path};
 
-const ENDS: [EndReason; 4] =
-    [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
+const ENDS: [EndReason; 3] = [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit];
 /// Tracks of the page's main part: the first with results.
 const MAIN_TRACKS: [&str; 4] = ["main", "quick", "main-practice", "quick-practice"];
 const FLOOR: &str = "sound-follower";
