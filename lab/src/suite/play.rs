@@ -202,7 +202,10 @@ impl SuiteRun {
         let Some(index) = index else { return Ok(()) };
         let Some(facts) = self.hosted.store.facts(run, index as u32).await? else { return Ok(()) };
         if is_lost(facts.record.end) {
-            eprintln!("episode {id} was lost: {}", facts.record.end.as_str());
+            let end = facts.record.end.as_str();
+            eprintln!(
+                "episode {id} was lost: {end}; repeat the command, with fewer --slots on a busy machine"
+            );
             return Ok(());
         }
         let mut wrong = BTreeMap::new();

@@ -61,7 +61,7 @@ impl CheapSenses {
 }
 
 // Version of images at half a pixel in the observation digest: a changed simplification needs a new one.
-const HALF_PIXEL: u32 = 1;
+const HALF_PIXEL: u32 = 2;
 
 impl Layout {
     /// Returns a name for the definition of the observation: arrays, versions, and the sensor parameters of the rules, as 16

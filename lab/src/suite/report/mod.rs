@@ -111,7 +111,7 @@ impl ReportPage<'_> {
         format!(
             "## All agents\n\nIn an unordered mission every sound is an unfinished target: the sound-follower, without vision, is \
              the floor. Its column lists the difference in SR on common missions, in percentage points. The time per action is \
-             the median over the episodes, which were played beside other programs.\n{rows}"
+             the median over the episodes, and depends on the load of the machine.\n{rows}"
         )
     }
 
