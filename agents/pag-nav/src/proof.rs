@@ -203,7 +203,7 @@ fn claims_follow_a_fresh_look_above_the_floor() {
         decisions
     };
     let [first, second] = thread::scope(|scope| {
-        [0..750, 750..1500]
+        [0..500, 500..1000]
             .map(|seeds| scope.spawn(move || count(seeds)))
             .map(|half| half.join().expect("every claim is allowed"))
     });

@@ -56,7 +56,7 @@ pub struct Env {
 
 /// Parts shared by all environments of a vector.
 pub(crate) struct Shared {
-    pub(crate) source: EpisodeSource,
+    pub(crate) source: Arc<EpisodeSource>,
     pub(crate) options: EnvOptions,
     pub(crate) layout: Layout,
     pub(crate) audio: Audio,
@@ -85,7 +85,7 @@ struct Running {
 impl Shared {
     /// Checks the options.
     pub(crate) fn new(
-        source: EpisodeSource,
+        source: Arc<EpisodeSource>,
         options: EnvOptions,
         audio: Audio,
     ) -> Result<Arc<Self>, TrainingError> {
@@ -97,17 +97,17 @@ impl Shared {
 }
 
 impl Env {
-    /// Creates environment `number` with its own source.
+    /// Creates environment `number`. Environments with the same source share its scenes.
     ///
     /// # Errors
     /// If an option is out of range.
     pub fn new(
         number: u64,
-        source: EpisodeSource,
+        source: impl Into<Arc<EpisodeSource>>,
         options: EnvOptions,
         audio: Audio,
     ) -> Result<Self, TrainingError> {
-        Ok(Self::with(number, Shared::new(source, options, audio)?))
+        Ok(Self::with(number, Shared::new(source.into(), options, audio)?))
     }
 
     pub(crate) fn with(number: u64, shared: Arc<Shared>) -> Self {

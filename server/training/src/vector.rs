@@ -72,14 +72,14 @@ impl<R: RowSource> VectorEnv<R> {
     pub fn new(
         count: usize,
         threads: usize,
-        source: EpisodeSource,
+        source: impl Into<Arc<EpisodeSource>>,
         options: EnvOptions,
         audio: Audio,
     ) -> Result<Self, TrainingError> {
         let small = |number| u32::try_from(number).unwrap_or(u32::MAX);
         crate::options::within("num_envs", small(count), 1, 4096)?;
         crate::options::within("threads", small(threads), 1, 1024)?;
-        let shared = Shared::new(source, options, audio)?;
+        let shared = Shared::new(source.into(), options, audio)?;
         let member = |number| {
             let env = Env::with(number, Arc::clone(&shared));
             Mutex::new(Member { env, needs_reset: false })

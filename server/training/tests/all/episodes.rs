@@ -1,11 +1,11 @@
 //! Episodes, teachers, rewards, states and threads.
 
-use crate::{Entries, audio, env, follow_teacher, small_houses, small_options};
+use crate::{Entries, audio, follow_teacher, shared_env, shared_source, small_houses, small_options};
 use avln_episode::{Action, Order, Rules};
 use avln_scoring::score;
 use avln_training::{
     AutoReset, CheapSenses, Env, EnvOptions, EpisodeSource, Goals, OwnedRow, ProgressReward, RewardRule, Row,
-    RowSource, SourceOptions, Teacher, TrainingError, VectorEnv,
+    RowSource, Teacher, TrainingError, VectorEnv,
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,13 +15,11 @@ const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
 fn teacher_completes_missions_on_shortest_paths() {
-    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
-    let mut env = Env::new(0, source, EnvOptions { teacher: Teacher::Path, ..exploring() }, audio())
-        .expect("an environment");
+    let mut env = shared_env(EnvOptions { teacher: Teacher::Path, ..exploring() }, 0);
     let layout = env.layout().clone();
     let mut row = OwnedRow::new(&layout);
     let (mut complete, mut spl) = (0, 0.0);
-    const EPISODES: usize = 24;
+    const EPISODES: usize = 12;
     for _ in 0..EPISODES {
         env.reset(&mut row.row()).expect("an episode");
         let (flags, rewards) = follow_teacher(&mut env, &mut row);
@@ -40,7 +38,9 @@ fn teacher_completes_missions_on_shortest_paths() {
 
 #[test]
 fn restored_states_continue_with_equal_bits() {
-    let (mut env, mut other) = (env(0), env(3));
+    let own = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let mut other = Env::new(3, own, small_options(), audio()).expect("an environment");
+    let mut env = shared_env(small_options(), 0);
     let layout = env.layout().clone();
     let (mut row, mut copy) = (OwnedRow::new(&layout), OwnedRow::new(&layout));
     env.reset(&mut row.row()).expect("an episode");
@@ -64,7 +64,7 @@ fn restored_states_continue_with_equal_bits() {
 
 #[test]
 fn invalid_steps_are_refused() {
-    let mut env = env(0);
+    let mut env = shared_env(small_options(), 0);
     let mut row = OwnedRow::new(&env.layout().clone());
     assert!(matches!(env.step(0, &mut row.row()), Err(TrainingError::NotReset(0))));
     env.reset(&mut row.row()).expect("an episode");
@@ -77,9 +77,9 @@ fn invalid_steps_are_refused() {
 
 /// An environment of a vector, and its row.
 fn single(autoreset: AutoReset) -> (VectorEnv<OwnedRow>, OwnedRow) {
-    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
     let options = EnvOptions { autoreset, ..small_options() };
-    let vector = VectorEnv::new(1, 1, source, options, audio()).expect("an environment");
+    let vector =
+        VectorEnv::new(1, 1, shared_source(1, Goals::Drawn), options, audio()).expect("an environment");
     let row = OwnedRow::new(vector.layout());
     (vector, row)
 }
@@ -143,11 +143,10 @@ impl RowSource for CountedRow {
 }
 
 /// Rows and flags of all environments after a few steps.
-fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnedRow, String)> {
+fn played(source: Arc<EpisodeSource>, threads: usize, autoreset: AutoReset) -> Vec<(OwnedRow, String)> {
     const COUNT: usize = 3;
     let cheap = CheapSenses { lidar: true, ears: true, map: true };
     let options = EnvOptions { autoreset, cheap, ..small_options() };
-    let source = EpisodeSource::open(&small_houses(2)).expect("a source");
     let vector: VectorEnv<OwnedRow> =
         VectorEnv::new(COUNT, threads, source, options, audio()).expect("environments");
     let mut rows: Vec<Option<OwnedRow>> = (0..COUNT).map(|_| Some(OwnedRow::new(vector.layout()))).collect();
@@ -176,8 +175,9 @@ fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnedRow, String)> {
 #[test]
 fn threads_do_not_change_bits() {
     for autoreset in [AutoReset::NextStep, AutoReset::SameStep] {
-        let single = played(1, autoreset);
-        assert_eq!(single, played(4, autoreset));
+        let own = Arc::new(EpisodeSource::open(&small_houses(1)).expect("a source"));
+        let single = played(shared_source(1, Goals::Drawn), 1, autoreset);
+        assert_eq!(single, played(own, 4, autoreset));
         assert_eq!(single[1].0.finals.is_some(), autoreset == AutoReset::SameStep);
         assert!(single[0].0.finals.is_none());
         assert!(single[1].1.contains("terminated: true"));
@@ -185,9 +185,7 @@ fn threads_do_not_change_bits() {
 }
 
 fn env_with(order: Order, options: EnvOptions) -> Env {
-    let source = SourceOptions { goals: Goals::Fixed(order), ..small_houses(5) };
-    let source = EpisodeSource::open(&source).expect("a source");
-    Env::new(0, source, options, audio()).expect("an environment")
+    Env::new(0, shared_source(5, Goals::Fixed(order)), options, audio()).expect("an environment")
 }
 
 fn exploring() -> EnvOptions {
@@ -205,7 +203,7 @@ fn explorer_completes_missions_in_both_orders() {
         );
         let layout = explore.layout().clone();
         let (mut row, mut steps) = (OwnedRow::new(&layout), [0, 0]);
-        for episode in 0..5 {
+        for episode in 0..3 {
             for (env, steps) in [&mut explore, &mut path].into_iter().zip(&mut steps) {
                 env.reset(&mut row.row()).expect("an episode");
                 let (flags, _) = follow_teacher(env, &mut row);
@@ -220,7 +218,7 @@ fn explorer_completes_missions_in_both_orders() {
             }
         }
         assert!(steps[0] > steps[1], "exploration takes longer: {steps:?}");
-        assert!(steps[0] < 5 * 400, "{steps:?}");
+        assert!(steps[0] < 3 * 400, "{steps:?}");
     }
 }
 
@@ -280,7 +278,7 @@ fn added_submits_are_observed_and_judged() {
     assert_eq!(row.shorts(&layout, "remaining")[1], goals - 1 + 2);
     env.step(3, &mut row.row()).expect("a Submit");
     assert_eq!(row.shorts(&layout, "remaining")[1], goals);
-    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let source = shared_source(1, Goals::Drawn);
     let error = Env::new(0, source, EnvOptions { added_submits: 101, ..small_options() }, audio()).err();
     assert!(error.expect("refused").to_string().contains("`added_submits` is 101; 0 to 100 are possible"));
 }

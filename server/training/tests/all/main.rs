@@ -4,12 +4,14 @@ mod episodes;
 mod senses;
 mod sources;
 
+use avln_episode::Rules;
 use avln_referee::Audio;
 use avln_training::{
-    Curriculum, Env, EnvOptions, EpisodeSource, Layout, OwnedArray, OwnedRow, RowSource, SourceChoice,
-    SourceOptions, StepFlags,
+    Curriculum, Env, EnvOptions, EpisodeSource, Goals, Layout, OwnedArray, OwnedRow, RowSource, SourceChoice,
+    SourceOptions, StepFlags, TrainingEpisode,
 };
 use avln_world::{Bank, ClipPool};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The entries of a row by name.
 trait Entries {
@@ -63,9 +65,25 @@ fn audio() -> Audio {
     Audio::from(Bank::of(ClipPool::Train))
 }
 
-fn env(number: u64) -> Env {
-    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
-    Env::new(number, source, small_options(), audio()).expect("an environment")
+/// Sources by seed and order, and an episode of each, which keeps its house loaded.
+static SOURCES: Mutex<Vec<((u64, Goals), Arc<EpisodeSource>, TrainingEpisode)>> = Mutex::new(Vec::new());
+
+/// Returns the source of small houses with a seed. Tests share it, because the preparation of a house takes a second.
+fn shared_source(seed: u64, goals: Goals) -> Arc<EpisodeSource> {
+    let mut sources = SOURCES.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, source, _)) = sources.iter().find(|(key, ..)| *key == (seed, goals)) {
+        return Arc::clone(source);
+    }
+    let options = SourceOptions { goals, ..small_houses(seed) };
+    let source = Arc::new(EpisodeSource::open(&options).expect("a source"));
+    let episode = source.episode(0, 0, &Rules::paper()).expect("an episode");
+    sources.push(((seed, goals), Arc::clone(&source), episode));
+    source
+}
+
+/// Returns an environment of the house that most tests share.
+fn shared_env(options: EnvOptions, number: u64) -> Env {
+    Env::new(number, shared_source(1, Goals::Drawn), options, audio()).expect("an environment")
 }
 
 /// Follows the teacher to the episode's end; returns the last flags and the sum of rewards.

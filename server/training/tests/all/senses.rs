@@ -1,8 +1,8 @@
 //! Senses without images and waveforms, images with ids, maps, and parts of pictures.
 
-use crate::{Entries, audio, follow_teacher, small_houses, small_options};
+use crate::{Entries, audio, follow_teacher, shared_env as env, shared_source, small_options};
 use avln_episode::{Rules, Sensors};
-use avln_training::{CheapSenses, Detail, Env, EnvOptions, EpisodeSource, Layout, OwnedRow, RowSource};
+use avln_training::{CheapSenses, Detail, Env, EnvOptions, Goals, Layout, OwnedRow, RowSource};
 
 const ALL: CheapSenses = CheapSenses { lidar: true, ears: true, map: true };
 
@@ -10,11 +10,6 @@ const ALL: CheapSenses = CheapSenses { lidar: true, ears: true, map: true };
 fn options() -> EnvOptions {
     let sensors = Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) };
     EnvOptions { sensors, cheap: ALL, ..small_options() }
-}
-
-fn env(options: EnvOptions, number: u64) -> Env {
-    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
-    Env::new(number, source, options, audio()).expect("an environment")
 }
 
 #[test]
@@ -154,7 +149,7 @@ fn digests_name_the_definition() {
 #[test]
 fn odd_turns_are_refused_with_rays() {
     let rules = Rules { turn_deg: 7, ..Rules::paper() };
-    let source = || EpisodeSource::open(&small_houses(1)).expect("a source");
+    let source = || shared_source(1, Goals::Drawn);
     let error = Env::new(0, source(), EnvOptions { rules: rules.clone(), ..options() }, audio()).err();
     assert!(error.expect("refused").to_string().contains("multiple of 5 degrees"));
     let deaf = EnvOptions { rules, cheap: CheapSenses::default(), ..options() };

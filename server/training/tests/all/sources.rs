@@ -1,6 +1,6 @@
 //! Accepted and refused sources.
 
-use crate::{audio, small_houses, small_options};
+use crate::{audio, shared_source, small_houses, small_options};
 use avln_dataset::Recipe;
 use avln_episode::{Order, Rules};
 use avln_training::{Curriculum, Env, EnvOptions, EpisodeSource, Goals, SourceChoice, SourceOptions};
@@ -77,7 +77,8 @@ fn limits_of_the_curriculum_are_checked() {
     assert!(error(&with(distance)).contains("`distance_m` is [5, 5]"));
     let rooms = Curriculum { rooms: Some([0, 3]), ..Curriculum::default() };
     assert!(error(&with(rooms)).contains("rooms"));
-    let nowhere = Curriculum { distance_m: [900.0, 999.0], ..small_houses(0).curriculum };
+    let nowhere =
+        Curriculum { distance_m: [900.0, 999.0], rooms: Some([2, 2]), ..small_houses(0).curriculum };
     let source = EpisodeSource::open(&with(nowhere)).expect("a source");
     let error = source.episode(0, 0, &Rules::paper()).err().expect("no mission").to_string();
     assert!(error.contains("900 to 999 m from the start"), "{error}");
@@ -92,13 +93,15 @@ fn seed_and_numbers_determine_the_episode() {
     };
     assert_eq!(episode(1, 0, 0), episode(1, 0, 0));
     assert_ne!(episode(1, 0, 0), episode(2, 0, 0));
-    let numbers: Vec<_> = (0..4).map(|number| episode(1, 0, number).episode).collect();
+    let source = shared_source(1, Goals::Fixed(Order::Ordered));
+    let drawn = |number| source.episode(0, number, &Rules::paper()).expect("an episode").truth.episode;
+    let numbers: Vec<_> = (0..4).map(drawn).collect();
     assert!(numbers.iter().any(|other| *other != numbers[0]), "{numbers:?}");
 }
 
 #[test]
 fn hard_rules_add_as_many_sources_as_goals() {
-    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let source = shared_source(1, Goals::Drawn);
     let rules = Rules::named("lh-avln-hard-v1").expect("rules");
     for number in 0..4 {
         let truth = source.episode(0, number, &rules).expect("an episode").truth;
@@ -111,7 +114,7 @@ fn hard_rules_add_as_many_sources_as_goals() {
 #[test]
 fn rules_for_other_regions_are_refused() {
     let opened = |name: &str, max_steps: u32| {
-        let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+        let source = shared_source(1, Goals::Drawn);
         let rules = Rules { max_steps, ..Rules::named(name).expect("rules") };
         Env::new(0, source, EnvOptions { rules, ..small_options() }, audio())
     };

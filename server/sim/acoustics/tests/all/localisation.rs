@@ -146,7 +146,7 @@ fn visible_sources_are_localised_in_houses() {
 fn pairs_in_sight(scene: &Scene, rng: &mut Rng) -> Vec<[Point3<f32>; 2]> {
     let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
     let mut pairs = Vec::new();
-    while pairs.len() < 12 {
+    while pairs.len() < 8 {
         let room = rng.choose(&scene.regions).expect("rooms").bounds;
         let mut place = |height_m: f32| {
             let along = |rng: &mut Rng, axis: usize| rng.range(room.min[axis] + 0.4, room.max[axis] - 0.4);
