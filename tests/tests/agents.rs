@@ -258,7 +258,7 @@ mod human {
 /// The baseline suite end to end: play, resume, report page.
 mod baselines {
     use avln_lab::suite::{self, AgentVariant, Results, SuiteOptions, SuiteSize, Track};
-    use std::{fs, path::Path};
+    use std::{fs, io::Write as _, path::Path};
 
     fn lines(folder: &Path) -> Vec<String> {
         let text = fs::read_to_string(folder.join("results.jsonl")).expect("results");
@@ -296,7 +296,12 @@ mod baselines {
         let after = results.lines().find(|line| line.key == before.key).expect("it was played");
         assert_eq!((&after.metrics, &after.wrong, after.end), (&before.metrics, &before.wrong, before.end));
 
-        let suite::SuiteReport { page, episodes, charts } = suite::report(folder).expect("a page");
+        let mut other = before.clone();
+        other.key.seed = 7;
+        let mut file = fs::File::options().append(true).open(folder.join("results.jsonl")).expect("the file");
+        writeln!(file, "{}", serde_json::to_string(&other).expect("JSON")).expect("space on the disk");
+        let suite::SuiteReport { page, episodes, charts, left_out } = suite::report(folder).expect("a page");
+        assert_eq!(left_out, 1, "the result with another seed");
         assert_eq!(episodes.lines().count(), 9, "{episodes}");
         let oracle = episodes
             .lines()

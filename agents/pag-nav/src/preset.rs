@@ -136,6 +136,8 @@ pub struct Ablation {
     pub no_outcomes: bool,
     /// No object memory: objects out of view are forgotten, and one look verifies.
     pub no_object_memory: bool,
+    /// One look verifies, as without object memory.
+    pub no_second_look: bool,
     /// No acoustic memory: only the current sound, or the current window if windows are counted.
     pub no_acoustic_memory: bool,
     /// No accumulated map: only the free floor and obstacles of the current view.

@@ -85,6 +85,7 @@ fn ablation(dice: &mut Dice) -> Ablation {
         no_search_sound: rare(),
         no_outcomes: rare(),
         no_object_memory: rare(),
+        no_second_look: rare(),
         no_acoustic_memory: rare(),
         no_map: rare(),
         no_priors: rare(),

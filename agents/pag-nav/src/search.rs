@@ -59,7 +59,8 @@ impl PagNav {
         let sought_steps = self.sought_steps(candidate.object, candidate.goal);
         let floor = self.weights.least_vis(self.is_supported(candidate));
         let demand = VerificationDemand::new(sought_steps, self.remaining_steps, floor, &self.weights);
-        if self.ablation.no_object_memory { demand.of_one_look() } else { demand }
+        let has_one_look = self.ablation.no_object_memory || self.ablation.no_second_look;
+        if has_one_look { demand.of_one_look() } else { demand }
     }
 
     /// Returns the gate of the current frame.

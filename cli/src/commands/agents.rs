@@ -135,7 +135,7 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
             Ok(())
         }
         BaselinesCommand::Report(args) => {
-            let SuiteReport { page, episodes, charts } = suite::report(&args.out)?;
+            let SuiteReport { page, episodes, charts, left_out } = suite::report(&args.out)?;
             let images = args.to.with_file_name("images");
             let mut files = vec![(args.to.with_file_name("results.csv"), episodes)];
             files.extend(charts.into_iter().map(|(name, svg)| (images.join(name), svg)));
@@ -145,6 +145,12 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
                 write_file(&path, text)
                     .map_err(|failure| failure.hinted("choose another file with --to FILE"))?;
                 say!("written to {}", path.display());
+            }
+            if left_out > 0 {
+                say!(
+                    "{left_out} results of another version, seed, split, rule set or image size are not on the page; report them \
+                     from a folder of their own"
+                );
             }
             Ok(())
         }

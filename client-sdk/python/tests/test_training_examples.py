@@ -14,6 +14,7 @@ import curve
 import dagger
 import ppo
 from curve import ROW_STEPS, Curve
+from evaluate import policy
 from network import Network
 from reach_sound import ACTIONS, EARS_SCALE, ReachSound, evaluate
 
@@ -80,8 +81,10 @@ def test_stable_baselines3_trains(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3", reason="pip install stable-baselines3")
     import sb3  # noqa: PLC0415, needs an extra
 
-    sb3.train(1, 256, str(tmp_path / "sb3.csv"), num_envs=4, **EASY).save(tmp_path / "sb3.zip")
-    assert (tmp_path / "sb3.zip").is_file()
+    model = sb3.train(1, 256, str(tmp_path / "sb3.csv"), num_envs=4, **EASY)
+    model.save(tmp_path / "sb3.zip")
+    features = np.stack([model.observation_space.sample()] * 3)
+    assert policy(str(tmp_path / "sb3.zip"))(features).shape == (3,)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

@@ -33,6 +33,8 @@ pub enum AgentVariant {
     PagNavPlusNoGate,
     /// PAG-Nav+ without a memory for objects out of view.
     PagNavPlusNoObjectMemory,
+    /// PAG-Nav+ that verifies with a single look, as without object memory.
+    PagNavPlusNoSecondLook,
     /// PAG-Nav+ without a memory for earlier sounds.
     PagNavPlusNoAcousticMemory,
     /// PAG-Nav+ without an accumulated map.
@@ -238,6 +240,7 @@ impl AgentVariant {
             Self::PagNavNoObjectMemory | Self::PagNavPlusNoObjectMemory => {
                 part(Ablation { no_object_memory: true, ..none })
             }
+            Self::PagNavPlusNoSecondLook => part(Ablation { no_second_look: true, ..none }),
             Self::PagNavPlusNoAcousticMemory => part(Ablation { no_acoustic_memory: true, ..none }),
             Self::PagNavPlusNoMap => part(Ablation { no_map: true, ..none }),
             Self::PagNavPlusNoPriors => part(Ablation { no_priors: true, ..none }),
@@ -299,8 +302,8 @@ mod tests {
             AgentVariant::value_variants().iter().map(|variant| variant.name()).collect();
         let published = "random shortest-path sound-follower pag-nav pag-nav-plus pag-nav-plus-no-audio \
              pag-nav-plus-no-search-sound pag-nav-plus-no-outcomes pag-nav-plus-no-gate \
-             pag-nav-plus-no-object-memory pag-nav-plus-no-acoustic-memory pag-nav-plus-no-map \
-             pag-nav-plus-no-priors pag-nav-classical pag-nav-models pag-nav-no-audio pag-nav-no-gate \
+             pag-nav-plus-no-object-memory pag-nav-plus-no-second-look pag-nav-plus-no-acoustic-memory \
+             pag-nav-plus-no-map pag-nav-plus-no-priors pag-nav-classical pag-nav-models pag-nav-no-audio pag-nav-no-gate \
              pag-nav-no-object-memory pag-nav-no-search-sound detector snapshot frontier forward-and-turn \
              pag-nav-plus-no-network pag-nav-plus-no-positions pag-nav-plus-no-windows \
              pag-nav-plus-no-direct pag-nav-plus-no-association pag-nav-plus-no-stairs \

@@ -10,9 +10,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from network import HIDDEN
 from reach_sound import TRAIN_SEED, ReachSound
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+
+REWARD_SCALE = 0.1
 
 
 class Sb3Envs(VecEnv):
@@ -38,7 +41,7 @@ class Sb3Envs(VecEnv):
         details: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for env in np.flatnonzero(terminated | truncated):
             details[env]["is_success"] = bool(infos["is_success"][env])
-        return seen, rewards, terminated | truncated, details
+        return seen, rewards * REWARD_SCALE, terminated | truncated, details
 
     def close(self) -> None:
         """Ends the environments."""
@@ -65,7 +68,18 @@ def train(seed: int, steps: int, curve: str, num_envs: int = 128, **options: Any
     """Trains for some steps; curve and options are those of `ReachSound`."""
     torch.set_num_threads(2)
     envs = VecMonitor(Sb3Envs(ReachSound(num_envs, TRAIN_SEED + seed, curve, **options)))
-    model = PPO("MlpPolicy", envs, n_steps=64, batch_size=16 * num_envs, n_epochs=3, seed=seed, device="cpu", verbose=0)
+    model = PPO(
+        "MlpPolicy",
+        envs,
+        learning_rate=5e-4,
+        n_steps=64,
+        batch_size=16 * num_envs,
+        n_epochs=3,
+        ent_coef=0.01,
+        policy_kwargs={"net_arch": [HIDDEN, HIDDEN]},
+        seed=seed,
+        device="cpu",
+    )
     model.learn(steps)
     envs.close()
     return model

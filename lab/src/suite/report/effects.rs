@@ -171,8 +171,14 @@ fn clause(contrast: &Contrast) -> String {
     }
 }
 
-/// Ablations of memory.
-const MEMORIES: [&str; 3] = ["no-object-memory", "no-acoustic-memory", "no-map"];
+/// Pairs of agents, by the part after the full agent's name, of which the second has less memory. Without object memory a single look
+/// verifies; the second pair differs in the memory only.
+const MEMORIES: [[&str; 2]; 4] = [
+    ["", "-no-object-memory"],
+    ["-no-second-look", "-no-object-memory"],
+    ["", "-no-acoustic-memory"],
+    ["", "-no-map"],
+];
 const MODALITY_PAIRS: [(Modality, Modality); 3] = [
     (Modality::Description, Modality::Category),
     (Modality::Image, Modality::Category),
@@ -270,9 +276,10 @@ fn goals(track: &TrackResults<'_>) -> Vec<Contrast> {
 }
 
 fn memories(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
-    family(&MEMORIES, |order, suffix| {
-        let ablation = track.row(&format!("{full}-{suffix}"), order);
-        Some((format!("{full} - {suffix}"), track.row(full, order).minus(&ablation, isr)?))
+    family(&MEMORIES, |order, [more, less]| {
+        let [more, less] = [more, less].map(|part| format!("{full}{part}"));
+        let test = track.row(&more, order).minus(&track.row(&less, order), isr)?;
+        Some((format!("{more} - {}", less.trim_start_matches(full).trim_start_matches('-')), test))
     })
 }
 

@@ -32,6 +32,8 @@ pub struct SuiteReport {
     pub episodes: String,
     /// SVG charts by file name in `images/`.
     pub charts: Vec<(String, String)>,
+    /// Results left out, because most results have another version, seed, split, rule set or image size.
+    pub left_out: usize,
 }
 
 /// Formats the results in a folder.
@@ -40,7 +42,10 @@ pub struct SuiteReport {
 /// If there are no results, or they cannot be read.
 pub fn report(folder: &Path) -> Result<SuiteReport, Failure> {
     let played = results::read(&results_path(folder))?;
-    of_lines(&comparable(played.values())).ok_or_else(|| {
+    let compared = comparable(played.values());
+    let left_out = played.len() - compared.len();
+    let report = of_lines(&compared).map(|report| SuiteReport { left_out, ..report });
+    report.ok_or_else(|| {
         let message = format!("there are no results in {}", folder.display());
         Failure::new(FailureKind::Data, message)
             .hinted("run the suite first: avln lab baselines run --out FOLDER")
@@ -67,7 +72,7 @@ fn of_lines(lines: &[&ResultLine]) -> Option<SuiteReport> {
         charts.extend(own);
     }
     parts.extend([page.ablations(), page.shares(), page.failures(), paper::paper_section()]);
-    Some(SuiteReport { page: parts.join("\n"), episodes: table::to_csv(lines), charts })
+    Some(SuiteReport { page: parts.join("\n"), episodes: table::to_csv(lines), charts, left_out: 0 })
 }
 
 struct ReportPage<'a> {
@@ -120,7 +125,7 @@ impl ReportPage<'_> {
         let mut text = String::from(
             "## Ablations of PAG-Nav\n\n*no-audio*: deaf. *no-search-sound*: outcomes by sound, but no sound in search and \
              grounding. *no-outcomes*: the opposite. *no-object-memory*: objects out of view are forgotten, and a single look \
-             verifies. *no-acoustic-memory*: only the present sound. *no-map*: only the present view. *no-priors*: neutral priors. \
+             verifies. *no-second-look*: only the latter. *no-acoustic-memory*: only the present sound. *no-map*: only the present view. *no-priors*: neutral priors. \
              *no-gate*: claims at a plausible candidate without visual verification. Others remove an extension of the paper.\n",
         );
         let header = header_of(&[&labels()[..], &["ISR of the preset minus own"]].concat());
