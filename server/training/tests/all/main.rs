@@ -65,19 +65,27 @@ fn audio() -> Audio {
     Audio::from(Bank::of(ClipPool::Train))
 }
 
-/// Sources by seed and order, and an episode of each, which keeps its house loaded.
-static SOURCES: Mutex<Vec<((u64, Goals), Arc<EpisodeSource>, TrainingEpisode)>> = Mutex::new(Vec::new());
+/// A source with its seed and order.
+struct SharedSource {
+    key: (u64, Goals),
+    source: Arc<EpisodeSource>,
+    /// Keeps the house loaded.
+    _episode: TrainingEpisode,
+}
+
+static SOURCES: Mutex<Vec<SharedSource>> = Mutex::new(Vec::new());
 
 /// Returns the source of small houses with a seed. Tests share it, because the preparation of a house takes a second.
 fn shared_source(seed: u64, goals: Goals) -> Arc<EpisodeSource> {
     let mut sources = SOURCES.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, source, _)) = sources.iter().find(|(key, ..)| *key == (seed, goals)) {
-        return Arc::clone(source);
+    let key = (seed, goals);
+    if let Some(shared) = sources.iter().find(|shared| shared.key == key) {
+        return Arc::clone(&shared.source);
     }
     let options = SourceOptions { goals, ..small_houses(seed) };
     let source = Arc::new(EpisodeSource::open(&options).expect("a source"));
     let episode = source.episode(0, 0, &Rules::paper()).expect("an episode");
-    sources.push(((seed, goals), Arc::clone(&source), episode));
+    sources.push(SharedSource { key, source: Arc::clone(&source), _episode: episode });
     source
 }
 
