@@ -9,7 +9,6 @@ import argparse
 from typing import Any
 
 import numpy as np
-import torch
 from network import HIDDEN
 from reach_sound import TRAIN_SEED, ReachSound
 from stable_baselines3 import PPO
@@ -66,7 +65,6 @@ class Sb3Envs(VecEnv):
 
 def train(seed: int, steps: int, curve: str, num_envs: int = 128, **options: Any) -> PPO:
     """Trains for some steps; curve and options are those of `ReachSound`."""
-    torch.set_num_threads(2)
     envs = VecMonitor(Sb3Envs(ReachSound(num_envs, TRAIN_SEED + seed, curve, **options)))
     model = PPO(
         "MlpPolicy",

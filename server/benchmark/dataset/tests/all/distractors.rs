@@ -19,7 +19,7 @@ static STOREYS: LazyLock<House> = LazyLock::new(|| {
         distractors: [1, 6],
         steps: Some(StepGoal { mean: 172.5, spread: 0.5, draws: 6 }),
     };
-    House::new(3, 12..=14, 2..=2, Pool::Validation, limits, PLAYED)
+    House::new(3, 9..=10, 2..=2, Pool::Validation, limits, PLAYED)
 });
 
 /// All missions of the house.

@@ -124,7 +124,7 @@ fn visible_sources_are_localised_in_a_reverberant_room() {
 #[test]
 fn visible_sources_are_localised_in_houses() {
     let mut agents = [ALL_HZ, LOW_HZ].map(|band_hz| (Bearings::within(band_hz), Vec::new()));
-    for seed in [5, 6, 7] {
+    for seed in [5, 6] {
         let scene = house("bearing", seed, &HouseOptions::small());
         let home = acoustics(&scene, Surfaces::by_material(&scene));
         let mut rng = Rng::new(seed + 4);
