@@ -4,8 +4,8 @@ use crate::{Entries, audio, follow_teacher, shared_env, shared_source, small_hou
 use avln_episode::{Action, Order, Rules};
 use avln_scoring::score;
 use avln_training::{
-    AutoReset, CheapSenses, Env, EnvOptions, EpisodeSource, Goals, OwnedRow, ProgressReward, RewardRule, Row,
-    RowSource, Teacher, TrainingError, VectorEnv,
+    AutoReset, CheapSenses, Curriculum, Env, EnvOptions, EpisodeSource, Goals, OwnedRow, ProgressReward,
+    RewardRule, Row, RowSource, SourceOptions, Teacher, TrainingError, VectorEnv,
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -182,6 +182,16 @@ fn threads_do_not_change_bits() {
         assert!(single[0].0.finals.is_none());
         assert!(single[1].1.contains("terminated: true"));
     }
+}
+
+#[test]
+fn curriculum_without_missions_is_an_error() {
+    let nowhere =
+        Curriculum { distance_m: [900.0, 999.0], rooms: Some([2, 2]), ..small_houses(0).curriculum };
+    let source =
+        EpisodeSource::open(&SourceOptions { curriculum: nowhere, ..small_houses(0) }).expect("a source");
+    let error = source.episode(0, 0, &Rules::paper()).err().expect("no mission").to_string();
+    assert!(error.contains("900 to 999 m from the start"), "{error}");
 }
 
 fn env_with(order: Order, options: EnvOptions) -> Env {

@@ -26,6 +26,7 @@ use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::ops::RangeInclusive;
 use std::sync::{Arc, OnceLock};
+use std::thread;
 
 /// Pixels of each instance in four pictures that together show the whole horizon.
 fn pixels_around(assets: &SceneAssets, eye: Point3<f32>) -> BTreeMap<InstanceId, usize> {
@@ -75,9 +76,15 @@ const LEAST_PER_100_M2: f64 = 25.0;
 fn house_statistics_are_in_real_building_ranges() {
     let mut together: BTreeMap<String, usize> = BTreeMap::new();
     let mut two_storeys = 0;
-    for seed in 0..14 {
+    let measure = |seed| {
         let scene = house("measured", seed, &HouseOptions::default());
-        let (walk, census) = (walk_stats(&scene, 0).expect("a house to walk in"), census(&scene));
+        (seed, walk_stats(&scene, 0).expect("a house to walk in"), census(&scene))
+    };
+    let houses: Vec<_> = thread::scope(|scope| {
+        let halves = [0..7, 7..14].map(|seeds| scope.spawn(move || seeds.map(measure).collect::<Vec<_>>()));
+        halves.into_iter().flat_map(|half| half.join().expect("no panic")).collect()
+    });
+    for (seed, walk, census) in houses {
         assert!(walk.largest_island >= 0.95, "seed {seed}: {walk:?}");
         assert_eq!(walk.rooms_reached, 1.0, "seed {seed}: {walk:?}");
         assert!(CLUTTER.contains(&walk.clutter), "seed {seed}: {walk:?}");
