@@ -171,13 +171,13 @@ fn clause(contrast: &Contrast) -> String {
     }
 }
 
-/// Pairs of agents, by the part after the full agent's name, of which the second has less memory. Without object memory a single look
-/// verifies; the second pair differs in the memory only.
+/// Compared agents: the suffix of the first after the full agent's name, and the ablation of the second. Without object memory a single
+/// look verifies, so only the second pair differs in the memory alone.
 const MEMORIES: [[&str; 2]; 4] = [
-    ["", "-no-object-memory"],
-    ["-no-second-look", "-no-object-memory"],
-    ["", "-no-acoustic-memory"],
-    ["", "-no-map"],
+    ["", "no-object-memory"],
+    ["-no-second-look", "no-object-memory"],
+    ["", "no-acoustic-memory"],
+    ["", "no-map"],
 ];
 const MODALITY_PAIRS: [(Modality, Modality); 3] = [
     (Modality::Description, Modality::Category),
@@ -277,9 +277,9 @@ fn goals(track: &TrackResults<'_>) -> Vec<Contrast> {
 
 fn memories(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
     family(&MEMORIES, |order, [more, less]| {
-        let [more, less] = [more, less].map(|part| format!("{full}{part}"));
-        let test = track.row(&more, order).minus(&track.row(&less, order), isr)?;
-        Some((format!("{more} - {}", less.trim_start_matches(full).trim_start_matches('-')), test))
+        let more = format!("{full}{more}");
+        let test = track.row(&more, order).minus(&track.row(&format!("{full}-{less}"), order), isr)?;
+        Some((format!("{more} - {less}"), test))
     })
 }
 
