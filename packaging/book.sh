@@ -49,19 +49,25 @@ rewrite_links() {
     done < <(cd "$source" && find . -name '*.md' ! -name SUMMARY.md)
 }
 
-# Prints local links without a file, and fails if there are any.
+# Prints local links without a file or without their anchor, and fails if there are any.
 check_links() {
-    local page link path code=0
+    local page link path anchor code=0
     while read -r page; do
         while read -r link; do
             path=${link%%[#?]*}
+            anchor=
+            [[ $link != *\#* ]] || anchor=${link#*\#}
             case $path in
-                '') continue ;;
+                '') path=$page ;;
                 /*) path=$html$path ;;
                 *) path=${page%/*}/$path ;;
             esac
             # A folder stands for its first page.
-            [ -f "$path" ] || [ -f "${path%/}/index.html" ] || { echo "error: broken link in ${page#"$html"/}: $link" >&2; code=1; }
+            [ -f "$path" ] || path=${path%/}/index.html
+            if [ ! -f "$path" ] || { [ -n "$anchor" ] && ! grep -qF " id=\"$anchor\"" "$path"; }; then
+                echo "error: broken link in ${page#"$html"/}: $link" >&2
+                code=1
+            fi
         done < <(grep -oE ' (href|src)="[^"]*"' "$page" | cut -d '"' -f 2 | grep -vE '^([a-z][a-z0-9+.-]*:|//)' | sort -u)
     done < <(find "$html" -name '*.html')
     return $code

@@ -277,8 +277,21 @@ mod commands {
 mod contributors {
     use avln_tests::machine::{root, text};
 
-    const FOLDERS: [&str; 10] =
-        ["agents/", "cli/", "client-sdk/", "docker/", "docs/", "lab/", "proto/", "server/", "tests/", ".ci/"];
+    const FOLDERS: [&str; 13] = [
+        "agents/",
+        "benches/",
+        "cli/",
+        "client-sdk/",
+        "docker/",
+        "docs/",
+        "fuzz/",
+        "lab/",
+        "packaging/",
+        "proto/",
+        "server/",
+        "tests/",
+        ".ci/",
+    ];
     const MAX_RECIPE_LINES: usize = 10;
 
     /// Paths in backticks, without placeholders.
@@ -314,6 +327,28 @@ mod contributors {
         assert_eq!(lines.len(), 5, "{lines:?}");
         // The title and a blank line precede the recipe.
         assert!(lines.iter().all(|lines| *lines <= MAX_RECIPE_LINES + 2), "{lines:?}");
+    }
+}
+
+/// Names in a release.
+mod releases {
+    use avln_tests::machine::text;
+
+    #[test]
+    fn binstall_finds_the_archive_of_a_release() {
+        let (manifest, script) = (text("cli/Cargo.toml"), text("packaging/dist.sh"));
+        let value = |text: &str, start: &str| {
+            let value = text.lines().find_map(|line| line.strip_prefix(start));
+            value.unwrap_or_else(|| panic!("no line starts with '{start}'")).to_owned()
+        };
+        let name =
+            value(&script, "name=").replace("$version", "{ version }").replace("$target", "{ target }");
+        let archive = format!("\"{{ repo }}/releases/download/v{{ version }}/{name}.tar.gz\"");
+        assert_eq!(value(&manifest, "pkg-url = "), archive);
+        assert_eq!(value(&manifest, "bin-dir = "), format!("\"{name}/avln{{ binary-ext }}\""));
+        for path in ["folder=dist/$name\n", " \"$folder/avln\"\n", " >\"dist/$name.tar.gz\"\n"] {
+            assert!(script.contains(path), "{path}");
+        }
     }
 }
 

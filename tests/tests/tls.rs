@@ -3,8 +3,9 @@
 use avln_arena::servers::Security;
 use avln_client::{Action, Client, ConnectOptions, Error, Observation, Packing, RunOptions, Sensors};
 use avln_tests::{
-    PHASE, TestServer, TestSetup, http,
+    PHASE, Server, TestServer, TestSetup, http,
     machine::{skipped, text, typed},
+    set_up,
 };
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;
@@ -23,11 +24,15 @@ impl Authority {
         params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
         let own = params.self_signed(&own_key).unwrap();
         let names = ["localhost".to_owned(), "127.0.0.1".to_owned()];
+        let own_key_pem = own_key.serialize_pem();
         let issuer = Issuer::new(params, own_key);
         let issued = CertificateParams::new(names).unwrap().signed_by(&key, &issuer).unwrap();
-        for (name, text) in
-            [("ca.pem", own.pem()), ("cert.pem", issued.pem()), ("key.pem", key.serialize_pem())]
-        {
+        for (name, text) in [
+            ("ca.pem", own.pem()),
+            ("ca-key.pem", own_key_pem),
+            ("cert.pem", issued.pem()),
+            ("key.pem", key.serialize_pem()),
+        ] {
             std::fs::write(folder.path().join(name), text).unwrap();
         }
         Self { folder }
@@ -131,6 +136,29 @@ async fn doctor_checks_tls_server() {
     let output = tokio::task::spawn_blocking(move || kit.output().expect("the program runs")).await.unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && text.contains("none broken"), "{output:?}");
+}
+
+/// `openssl req -x509` makes such a certificate by default.
+#[tokio::test(flavor = "multi_thread")]
+async fn authority_certificate_is_reported_by_both_sides() {
+    let authority = Authority::new();
+    let folder = TempDir::new().unwrap();
+    set_up(folder.path(), &TestSetup::default()).await;
+    let (certificate, key) = (authority.file("ca.pem"), authority.file("ca-key.pem"));
+    let options = ["--tls-cert", certificate.to_str().unwrap(), "--tls-key", key.to_str().unwrap()];
+    let server = Server::start_with(env!("CARGO_BIN_EXE_avln_under_test"), folder.path(), &options);
+    let log = std::fs::read_to_string(folder.path().join("server.log")).unwrap();
+    let warning = log.lines().find(|line| line.starts_with("warning: the certificate in "));
+    let words = ["is that of an authority", "docs/deploying.md, section Certificates"];
+    assert!(warning.is_some_and(|line| words.iter().all(|word| line.contains(word))), "{log}");
+
+    let url = format!("https://{}", server.grpc);
+    let refused = Client::connect_with(url, "", &authority.link(Packing::Raw)).await.unwrap_err();
+    let text = refused.to_string();
+    assert!(
+        matches!(refused, Error::Tls { .. }) && text.contains("the server uses an authority's certificate"),
+        "{text}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 STOP = int(avln.Action.STOP)
 CHEAP = ("lidar", "ears", "map")
+GROUPS = ("targets", "ids", "top_down")
 
 
 pytestmark = pytest.mark.usefixtures("native_module")
@@ -47,9 +48,14 @@ def assert_equal(one: dict[str, Any], other: dict[str, Any]) -> None:
 def test_gymnasium_checker_accepts_the_environment() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        options = {**SMALL, "senses": ("rgb", "depth"), "render_mode": "rgb_array"}
+        options = {
+            **SMALL,
+            "senses": ("rgb", "depth", "audio", *CHEAP),
+            "privileged": GROUPS,
+            "render_mode": "rgb_array",
+        }
         env = gymnasium.make("avln/LHAVLNTrain-v1", disable_env_checker=True, **options)
-        check_env(env.unwrapped, skip_render_check=True)
+        check_env(env.unwrapped)
     env.reset(seed=1)
     assert env.render().shape == (512, 1024, 3)
     env.close()
@@ -79,17 +85,27 @@ def test_threads_do_not_change_bits() -> None:
 def test_number_of_environments_does_not_change_episodes(order: str) -> None:
     played = [whole_episode(order, *size) for size in ((1, 1), (7, 16), (64, 3))]
     assert played[0][-1]["success"] == 1
+    assert_equal_episodes(played)
+
+
+@pytest.mark.parametrize("order", ["ordered", "unordered"])
+def test_images_and_sounds_of_whole_episodes_are_equal(order: str) -> None:
+    options: dict[str, Any] = {"senses": ("rgb", "depth", "audio"), "goal_cues": True}
+    assert_equal_episodes([whole_episode(order, *size, **options) for size in ((1, 1), (5, 2), (5, 16))])
+
+
+def assert_equal_episodes(played: list[list[dict[str, Any]]]) -> None:
     for other in played[1:]:
         assert len(other) == len(played[0])
         for step, same in zip(played[0], other):
             assert_equal(step, same)
 
 
-def whole_episode(order: str, num_envs: int, threads: int) -> list[dict[str, Any]]:
+def whole_episode(order: str, num_envs: int, threads: int, **options: Any) -> list[dict[str, Any]]:
     """Rows and flags of the first environment, of each step of the teacher."""
     curriculum = replace(SMALL["curriculum"], order=order)
-    senses = ("depth", "lidar", "ears", "map")
-    envs = vector(num_envs, threads=threads, curriculum=curriculum, senses=senses, goal_cues=False, privileged=True)
+    options = {"senses": ("depth", *CHEAP), "goal_cues": False, **options}
+    envs = vector(num_envs, threads=threads, curriculum=curriculum, privileged=True, **options)
     _, infos = envs.reset(seed=5)
     steps: list[dict[str, Any]] = [{"over": False}]
     while not steps[-1]["over"]:
@@ -305,10 +321,21 @@ def test_added_submits_extend_the_budget() -> None:
 
 
 def test_privileged_groups_have_their_arrays() -> None:
-    envs = vector(1, privileged=("ids", "top_down"))
+    envs = vector(1, privileged=GROUPS)
     _, infos = envs.reset(seed=1)
     shapes = {name: (array.shape[1:], array.dtype.name) for name, array in infos.items()}
     assert shapes == {
+        "distance_m": ((4,), "float32"),
+        "bearing_rad": ((4,), "float32"),
+        "target_position": ((4, 3), "float32"),
+        "is_open": ((4,), "uint8"),
+        "is_in_region": ((4,), "uint8"),
+        "sounding": ((), "int64"),
+        "routed": ((), "int64"),
+        "expert": ((), "int64"),
+        "expert_submit": ((), "uint8"),
+        "success": ((), "float32"),
+        "spl": ((), "float32"),
         "instance": ((64, 64), "int32"),
         "semantic": ((64, 64), "uint8"),
         "target_instance": ((4,), "int32"),
@@ -389,13 +416,30 @@ def test_films_need_a_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"source": "papers"}, "use one of: paper, mini"),
+        ({"source": "papers"}, "does not exist; use one of: paper"),
         ({"source": "mini"}, "needs houses of the pool 'train'"),
         ({"source": avln.sim.Folder("/nowhere")}, "cannot read /nowhere/dataset.json"),
+        ({"source": avln.sim.Scan("/scan.glb")}, "scan /scan.glb has houses of the pool 'unknown: confirm"),
         ({"size": 8}, "8 x 8 pixels is outside the limits"),
+        ({"size": (64, 2000)}, "64 x 2000 pixels is outside the limits"),
+        ({"size": -5}, "`width` cannot be used: invalid value: integer `-5`"),
+        ({"size": (64, 64, 64)}, "`size` is (64, 64, 64)"),
+        ({"goal_side": 4}, "`goal_side` is 4; 8 to 512"),
         ({"num_envs": 0}, "`num_envs` is 0"),
+        ({"threads": 0}, "`threads` is 0; 1 to 1024"),
+        ({"threads": -1}, "`threads` cannot be used: invalid value: integer `-1`"),
+        ({"episodes_per_scene": 0}, "`episodes_per_scene` is 0"),
+        ({"teacher": None}, "`teacher` cannot be used: invalid type: null"),
+        ({"autoreset_mode": "Never"}, "'Never' is not a valid AutoresetMode"),
+        (
+            {"curriculum": avln.sim.Curriculum(rooms=(3, 300))},
+            "`rooms[1]` cannot be used: invalid value: integer `300`",
+        ),
+        ({"curriculum": avln.sim.Curriculum(distance_m=(float("nan"), 3.0))}, "`distance_m` is (nan, 3.0)"),
         ({"curriculum": avln.sim.Curriculum(goals=(0, 9))}, "`goals` is"),
         ({"senses": ("smell",)}, "`senses` has"),
+        ({"senses": "depth"}, "`senses` is 'depth'; use a list of names"),
+        ({"reward": 3}, "`reward` is 3"),
         ({"reward": "fame"}, "use one of: progress, sparse, none"),
         ({"rules": "chess"}, "chess"),
         ({"curriculum": avln.sim.Curriculum(order="sideways")}, "use ordered or unordered"),
@@ -412,7 +456,7 @@ def test_invalid_options_are_named(options: dict[str, Any], message: str) -> Non
 
 
 def test_scenes_are_read_at_the_first_reset() -> None:
-    env = avln.sim.Env(avln.sim.Scan("/nowhere.glb"), **SMALL)
+    env = avln.sim.Env(avln.sim.Scan("/nowhere.glb", training=True), **SMALL)
     with pytest.raises(avln.sim.SimError, match=r"/nowhere\.glb"):
         env.reset()
     env.close()

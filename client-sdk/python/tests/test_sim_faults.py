@@ -42,6 +42,31 @@ def test_an_invalid_action_leaves_63_results() -> None:
     envs.close()
 
 
+@pytest.mark.parametrize("action", [-1, 5, 2**40])
+def test_unknown_actions_are_named(action: int) -> None:
+    env = avln.sim.Env(**SMALL, senses=("depth",))
+    env.reset(seed=1)
+    with pytest.raises(avln.sim.SimError, match=f"environment 0: action {action} does not exist"):
+        env.step(action)
+    with pytest.raises(TypeError, match="integer"):
+        env.step(0.7)
+    assert env.step(0)[0]["remaining"][0] == 999
+    env.close()
+
+
+def test_unsuitable_arguments_of_calls_are_refused() -> None:
+    envs = vector(2, senses=("depth",), reward=lambda *_: None)
+    envs.reset(seed=1)
+    with pytest.raises(ValueError, match=re.escape("`actions` is [0.7, 0.0]; use whole numbers")):
+        envs.step([0.7, 0.0])
+    with pytest.raises(ValueError, match="the reward function returned None"):
+        envs.step([0, 0])
+    for mask in ([True], [1, 0], "x"):
+        with pytest.raises(ValueError, match="use 2 booleans"):
+            envs.reset(options={"reset_mask": mask})
+    envs.close()
+
+
 def test_an_invalid_action_in_a_batch_leaves_the_others() -> None:
     envs = vector(2)
     envs.reset(seed=1)
@@ -160,6 +185,15 @@ def run_python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=environment)
 
 
+def test_the_module_in_a_name_is_imported() -> None:
+    done = run_python(
+        "import gymnasium\nfrom sim_envs import SMALL\n"
+        "envs = gymnasium.make_vec('avln:avln/LHAVLNTrain-v1', num_envs=2, senses=('depth',), **SMALL)\n"
+        "print(envs.num_envs)"
+    )
+    assert done.stdout == "2\n", done.stderr
+
+
 def test_the_interpreter_ends_during_a_step() -> None:
     done = run_python(
         "from sim_envs import vector\nenvs = vector(24, size=512, threads=1)\nenvs.reset(seed=1)\n"
@@ -246,7 +280,7 @@ def test_evaluation_splits_are_refused(houses: Path) -> None:
 
 
 def test_scans_are_played(houses: Path) -> None:
-    env = avln.sim.Env(avln.sim.Scan(houses / "house.glb"), **{**SMALL, "senses": ("depth",)})
+    env = avln.sim.Env(avln.sim.Scan(houses / "house.glb", training=True), **{**SMALL, "senses": ("depth",)})
     observation, _ = env.reset(seed=1)
     assert observation["depth"].shape == (64, 64)
     assert env.step(0)[0]["remaining"][0] == 999
@@ -283,7 +317,7 @@ def test_refused_seeds_leave_the_environments() -> None:
     envs = vector(1, senses=("depth",))
     seed: Any = np.int64(1)
     envs.reset(seed=seed)
-    with pytest.raises(ValueError, match="invalid value: integer `-1`"):
+    with pytest.raises(ValueError, match="`seed` cannot be used: invalid value: integer `-1`"):
         envs.reset(seed=-1)
     envs.step([0])
     envs.close()

@@ -170,3 +170,8 @@ pub use task::{
     DepthNoise, DistanceRule, ExtraSubmit, FeedbackRule, PoseFrame, RgbNoise, Sensors, SilenceRule,
     SoundClip, SoundingRule, StopClaims, TaskSpec, WrongSubmit,
 };
+
+/// The example in the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -29,11 +29,7 @@ impl Openness {
             let message = format!("split '{}' is hidden: {reason}", split.name());
             return Err(Failure::new(FailureKind::Scene, message).hinted("choose a training or public split"));
         }
-        // A procedural house records its pool; the purpose of an imported scene is known only to the organiser.
-        let is_for_training = |scene: &SceneLine| match scene.source {
-            SceneSource::Procedural { pool, .. } => pool == Pool::Train,
-            SceneSource::File { .. } => is_training,
-        };
+        let is_for_training = |scene: &SceneLine| scene.source.is_for_training(is_training);
         Ok(if split.scenes().iter().all(is_for_training) { Self::Training } else { Self::Public })
     }
 

@@ -1,11 +1,11 @@
 //! Steps per second of training environments in process, as `avln-py bench` measures them from Python:
-//! `cargo bench -p avln-training -- THREADS`.
+//! `cargo bench -p avln-training -- THREADS [cheap]`. `cheap` has `lidar`, `ears` and `map` instead of images and sound.
 
 use avln_episode::Sensors;
 use avln_geom::Rng;
 use avln_referee::Audio;
 use avln_training::{
-    EnvOptions, EpisodeSource, OwnedRow, RewardRule, SourceChoice, SourceOptions, VectorEnv,
+    CheapSenses, EnvOptions, EpisodeSource, OwnedRow, RewardRule, SourceChoice, SourceOptions, VectorEnv,
 };
 use avln_world::{Bank, ClipPool};
 use std::env;
@@ -28,12 +28,14 @@ struct Walk {
 }
 
 impl Walk {
-    fn new(threads: usize) -> Self {
+    fn new(threads: usize, is_cheap: bool) -> Self {
         let source = SourceOptions::new(SourceChoice::Recipe("paper".to_owned()), 0);
         let source = EpisodeSource::open(&source).expect("a recipe of this project");
-        let sensors = Sensors::all(128, 128);
-        let options =
-            EnvOptions { sensors, goal_cues: false, reward: RewardRule::None, ..EnvOptions::paper(128) };
+        let all = Sensors::all(128, 128);
+        let sensors = Sensors { rgb: !is_cheap, depth: !is_cheap, audio: !is_cheap, ..all };
+        let cheap = CheapSenses { lidar: is_cheap, ears: is_cheap, map: is_cheap };
+        let reward = RewardRule::None;
+        let options = EnvOptions { sensors, cheap, reward, goal_cues: false, ..EnvOptions::paper(128) };
         let audio = Audio::from(Bank::of(ClipPool::Train));
         let vector = VectorEnv::new(ENVS, threads, source, options, audio).expect("environments");
         let rows = (0..ENVS).map(|_| OwnedRow::new(vector.layout())).collect();
@@ -49,7 +51,7 @@ impl Walk {
 
     fn step(&mut self) {
         for (env, row) in self.rows.drain(..).enumerate() {
-            self.vector.send_step(env, self.rng.below(WALKS) as u32, row).expect("an environment");
+            self.vector.send_step(env, self.rng.below(WALKS) as i64, row).expect("an environment");
         }
         self.wait();
     }
@@ -66,10 +68,12 @@ impl Walk {
 fn main() {
     // Cargo adds an option.
     let threads = env::args().find_map(|argument| argument.parse().ok()).unwrap_or(2);
-    let mut walk = Walk::new(threads);
+    let is_cheap = env::args().any(|argument| argument == "cheap");
+    let mut walk = Walk::new(threads, is_cheap);
     let begun = Instant::now();
     walk.reset();
-    println!("{ENVS} environments with RGB-D 128 x 128 and sound, {threads} threads");
+    let senses = if is_cheap { "lidar, ears and map" } else { "RGB-D 128 x 128 and sound" };
+    println!("{ENVS} environments with {senses}, {threads} threads");
     println!("first reset: {:.1} s", begun.elapsed().as_secs_f64());
     (0..WARM_UP_STEPS).for_each(|_| walk.step());
     let (begun, mut steps) = (Instant::now(), 0);

@@ -155,7 +155,7 @@ impl Env {
     ///
     /// # Errors
     /// If the number is no action, there is no running episode, or the row does not fit the layout.
-    pub fn step(&mut self, action: u32, row: &mut Row) -> Result<StepFlags, TrainingError> {
+    pub fn step(&mut self, action: i64, row: &mut Row) -> Result<StepFlags, TrainingError> {
         row.check(&self.shared.layout)?;
         let env = self.number as usize;
         let action = Action::try_from(action).map_err(|source| TrainingError::Action { env, source })?;

@@ -63,10 +63,22 @@ pub(crate) struct RecipeHouses {
     cache: Option<Arc<dyn Cache>>,
 }
 
-impl RecipeHouses {
-    /// Split name in recipes.
-    const SPLIT: &str = "train";
+/// Name of the split with training houses in recipes.
+const SPLIT: &str = "train";
 
+fn training_split(recipe: &Recipe) -> Option<usize> {
+    recipe.splits.iter().position(|split| split.name == SPLIT)
+}
+
+/// Names of the recipes with training houses.
+fn names_with_training() -> Vec<&'static str> {
+    let has_training =
+        |text: &str| Recipe::from_json(text).is_ok_and(|recipe| training_split(&recipe).is_some());
+    let suitable = Recipe::EMBEDDED.into_iter().filter(|(_, text)| has_training(text));
+    suitable.map(|(name, _)| name).collect()
+}
+
+impl RecipeHouses {
     /// Finds the recipe `name` and checks the pool.
     pub(crate) fn new(
         name: &str,
@@ -74,13 +86,14 @@ impl RecipeHouses {
         curriculum: Curriculum,
         cache: Option<Arc<dyn Cache>>,
     ) -> Result<Self, TrainingError> {
-        let known = || Recipe::EMBEDDED.map(|(name, _)| name).join(", ");
         let text = Recipe::EMBEDDED.iter().find(|(known, _)| *known == name);
-        let (_, text) =
-            text.ok_or_else(|| TrainingError::UnknownRecipe { name: name.to_owned(), known: known() })?;
+        let (_, text) = text.ok_or_else(|| {
+            let known = names_with_training().join(", ");
+            TrainingError::UnknownRecipe { name: name.to_owned(), known }
+        })?;
         // A verifier would take most of the time of a start.
         let mut recipe = Recipe { seed: Some(seed), verifier: None, ..Recipe::from_json(text)? };
-        let split = recipe.splits.iter().position(|split| split.name == Self::SPLIT).ok_or_else(|| {
+        let split = training_split(&recipe).ok_or_else(|| {
             let pool = "validation".to_owned();
             TrainingError::Pool { source_name: format!("recipe '{name}'"), pool }
         })?;
@@ -141,8 +154,21 @@ pub(crate) struct Scan {
 }
 
 impl Scan {
-    pub(crate) fn new(path: &Path, seed: u64, curriculum: Curriculum, cache: Option<Arc<dyn Cache>>) -> Self {
-        Self { path: path.to_owned(), rules: Rules::paper(), seed, curriculum, cache }
+    /// `is_training` confirms the purpose of the scene.
+    pub(crate) fn new(
+        path: &Path,
+        is_training: bool,
+        seed: u64,
+        curriculum: Curriculum,
+        cache: Option<Arc<dyn Cache>>,
+    ) -> Result<Self, TrainingError> {
+        let path = path.to_owned();
+        check_pool(
+            &format!("scan {}", path.display()),
+            &SceneSource::File { path: path.clone() },
+            is_training,
+        )?;
+        Ok(Self { path, rules: Rules::paper(), seed, curriculum, cache })
     }
 }
 
@@ -189,7 +215,8 @@ impl FolderSplit {
             TrainingError::UnknownSplit { path: root.to_owned(), split: split.to_owned(), known }
         })?;
         let scenes = scene_lines(root, line)?;
-        scenes.iter().try_for_each(|scene| check_pool(split, scene, is_training))?;
+        let name = format!("split '{split}'");
+        scenes.iter().try_for_each(|scene| check_pool(&name, &scene.source, is_training))?;
         let rules = Rules::named(&manifest.rules)
             .map_err(|error| TrainingError::Dataset(DatasetError::Recipe(error.to_string())))?;
         let root = root.to_owned();
@@ -239,14 +266,15 @@ fn scene_lines(root: &Path, split: &SplitLine) -> Result<Vec<SceneLine>, Trainin
     Ok(read_scenes(File { name: &name, bytes: &bytes }, &split.digest).map_err(DatasetError::from)?)
 }
 
-fn check_pool(split: &str, scene: &SceneLine, is_training: bool) -> Result<(), TrainingError> {
-    let pool = match &scene.source {
-        SceneSource::Procedural { pool: Pool::Train, .. } => return Ok(()),
+fn check_pool(name: &str, source: &SceneSource, is_training: bool) -> Result<(), TrainingError> {
+    if source.is_for_training(is_training) {
+        return Ok(());
+    }
+    let pool = match source {
         SceneSource::Procedural { pool, .. } => pool.name(),
-        SceneSource::File { .. } if is_training => return Ok(()),
         SceneSource::File { .. } => "unknown: confirm the purpose of scene files with training=True",
     };
-    Err(TrainingError::Pool { source_name: format!("split '{split}'"), pool: pool.to_owned() })
+    Err(TrainingError::Pool { source_name: name.to_owned(), pool: pool.to_owned() })
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TrainingError> {

@@ -30,7 +30,12 @@ pub enum SourceChoice {
         is_training: bool,
     },
     /// A scan: any supported scene file.
-    Scan(PathBuf),
+    Scan {
+        /// File or folder.
+        path: PathBuf,
+        /// True to confirm that it is for training.
+        is_training: bool,
+    },
 }
 
 /// Settings of a source.
@@ -151,12 +156,17 @@ impl EpisodeSource {
         let SourceOptions { seed, curriculum, cache, .. } = options.clone();
         curriculum.check()?;
         crate::options::within("scenes", options.scenes as u32, 1, 4096)?;
+        if options.episodes_per_scene == 0 {
+            return Err(outside("episodes_per_scene", "0".to_owned(), "1 is the least"));
+        }
         let scenes: Box<dyn Scenes> = match &options.choice {
             SourceChoice::Recipe(name) => Box::new(RecipeHouses::new(name, seed, curriculum, cache)?),
             SourceChoice::Folder { path, split, is_training } => {
                 Box::new(FolderSplit::open(path, split, *is_training, curriculum, cache)?)
             }
-            SourceChoice::Scan(path) => Box::new(Scan::new(path, seed, curriculum, cache)),
+            SourceChoice::Scan { path, is_training } => {
+                Box::new(Scan::new(path, *is_training, seed, curriculum, cache)?)
+            }
         };
         let in_use = scenes.count().unwrap_or(u64::MAX).min(options.scenes as u64).max(1);
         Ok(Self {
@@ -164,7 +174,7 @@ impl EpisodeSource {
             seed,
             goals: options.goals,
             in_use,
-            episodes_per_scene: options.episodes_per_scene.max(1),
+            episodes_per_scene: options.episodes_per_scene,
             loaded: Mutex::default(),
             without_mission: Mutex::default(),
         })

@@ -35,7 +35,7 @@ pub struct Finished<R> {
 
 enum Task {
     Reset,
-    Step(u32),
+    Step(i64),
     Restore(Arc<EnvState>),
 }
 
@@ -120,7 +120,7 @@ impl<R: RowSource> VectorEnv<R> {
     ///
     /// # Errors
     /// If there is no such environment.
-    pub fn send_step(&self, env: usize, action: u32, row: R) -> Result<(), TrainingError> {
+    pub fn send_step(&self, env: usize, action: i64, row: R) -> Result<(), TrainingError> {
         self.send(env, Task::Step(action), row)
     }
 
@@ -230,7 +230,7 @@ impl Member {
         Ok(StepFlags::default())
     }
 
-    fn step(&mut self, action: u32, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
+    fn step(&mut self, action: i64, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
         let flags = self.env.step(action, &mut row.row())?;
         if flags.is_over() {
             match self.env.autoreset() {

@@ -55,7 +55,7 @@ pub(crate) struct VectorOptions {
 enum SourceJson {
     Recipe(String),
     Folder { path: PathBuf, split: String, training: bool },
-    Scan(PathBuf),
+    Scan { path: PathBuf, training: bool },
 }
 
 /// A rule's name, or coefficients of `progress`.
@@ -83,13 +83,18 @@ fn invalid(message: impl ToString) -> pyo3::PyErr {
 
 impl VectorOptions {
     pub(crate) fn from_json(text: &str) -> PyResult<Self> {
-        serde_json::from_str(text).map_err(|error| invalid(format!("cannot read the options: {error}")))
+        let options = &mut serde_json::Deserializer::from_str(text);
+        // The path names the option.
+        serde_path_to_error::deserialize(options)
+            .map_err(|error| invalid(format!("`{}` cannot be used: {}", error.path(), error.inner())))
     }
 
     pub(crate) fn source(&self) -> PyResult<SourceOptions> {
         let choice = match &self.source {
             SourceJson::Recipe(name) => SourceChoice::Recipe(name.clone()),
-            SourceJson::Scan(path) => SourceChoice::Scan(path.clone()),
+            SourceJson::Scan { path, training } => {
+                SourceChoice::Scan { path: path.clone(), is_training: *training }
+            }
             SourceJson::Folder { path, split, training } => {
                 SourceChoice::Folder { path: path.clone(), split: split.clone(), is_training: *training }
             }

@@ -112,8 +112,6 @@ impl NativeVector {
         // All rows before the first step: an error must leave no step behind.
         let rows: Vec<_> = rows.into_iter().map(|row| self.row(buffer, row)).collect::<PyResult<_>>()?;
         for ((env, action), row) in envs.into_iter().zip(actions).zip(rows) {
-            // Negative numbers become large ones, which are no actions either.
-            let action = u32::try_from(action).unwrap_or(u32::MAX);
             self.start(env, |vector| vector.send_step(env, action, row))?;
         }
         Ok(())

@@ -147,6 +147,15 @@ fn one_storey() -> RangeInclusive<u8> {
 }
 
 impl SceneSource {
+    /// Returns true for a training scene. A procedural house records its pool; `is_confirmed` is the statement about a scene file,
+    /// whose purpose only its owner knows.
+    pub fn is_for_training(&self, is_confirmed: bool) -> bool {
+        match self {
+            Self::Procedural { pool, .. } => *pool == Pool::Train,
+            Self::File { .. } => is_confirmed,
+        }
+    }
+
     #[tracing::instrument(level = "debug", name = "load_scene", skip_all, fields(scene = name))]
     fn make(&self, name: &str) -> Result<Scene, DatasetError> {
         match self {

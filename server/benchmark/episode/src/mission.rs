@@ -131,7 +131,7 @@ pub enum Action {
 /// An action number outside 0 to 4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("action {0} does not exist; use 0 MoveForward, 1 TurnLeft, 2 TurnRight, 3 Submit or 4 Stop")]
-pub struct UnknownAction(pub u32);
+pub struct UnknownAction(pub i64);
 
 impl Action {
     /// All actions in numeric order.
@@ -148,7 +148,16 @@ impl TryFrom<u32> for Action {
     type Error = UnknownAction;
 
     fn try_from(index: u32) -> Result<Self, UnknownAction> {
-        Self::ALL.get(index as usize).copied().ok_or(UnknownAction(index))
+        Self::try_from(i64::from(index))
+    }
+}
+
+impl TryFrom<i64> for Action {
+    type Error = UnknownAction;
+
+    fn try_from(index: i64) -> Result<Self, UnknownAction> {
+        let known = Self::ALL.into_iter().find(|action| i64::from(action.index()) == index);
+        known.ok_or(UnknownAction(index))
     }
 }
 
@@ -167,6 +176,7 @@ mod tests {
         for action in Action::ALL {
             assert_eq!(Action::try_from(u32::from(action.index())), Ok(action));
         }
-        assert_eq!(Action::try_from(5), Err(UnknownAction(5)));
+        assert_eq!(Action::try_from(5_u32), Err(UnknownAction(5)));
+        assert_eq!(Action::try_from(-1_i64), Err(UnknownAction(-1)));
     }
 }

@@ -209,7 +209,8 @@ fn client_problem(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
             if other.to_string().contains("CaUsedAsEndEntity") =>
         {
             Some(
-                "is that of an authority; agents will refuse it: have it issue a certificate for this server",
+                "is that of an authority; agents will refuse it: have it issue a certificate for this server; \
+                 docs/deploying.md, section Certificates, shows how to make a certificate for tests",
             )
         }
         _ => None,

@@ -241,7 +241,7 @@ fn explorer_answers_in_restored_states() {
     env.reset(&mut row.row()).expect("an episode");
     // A learner that deviates from the teacher.
     for step in 0..60 {
-        let expert = row.integer(&layout, "expert") as u32;
+        let expert = row.integer(&layout, "expert");
         let action = if step % 3 == 0 { 1 } else { expert };
         if env.step(action, &mut row.row()).expect("a step").is_over() {
             env.reset(&mut row.row()).expect("an episode");
@@ -263,8 +263,8 @@ fn right_claims_complete_goals() {
             env.reset(&mut row.row()).expect("an episode");
             loop {
                 let (is_right, action) =
-                    (row.bytes(&layout, "expert_submit")[0] == 1, row.integer(&layout, "expert") as u32);
-                let is_claim = action >= u32::from(Action::Submit.index());
+                    (row.bytes(&layout, "expert_submit")[0] == 1, row.integer(&layout, "expert"));
+                let is_claim = action >= i64::from(Action::Submit.index());
                 assert_eq!(is_right, is_claim);
                 let open: u8 = row.bytes(&layout, "is_open").iter().sum();
                 let flags = env.step(action, &mut row.row()).expect("a step");

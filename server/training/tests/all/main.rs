@@ -99,7 +99,7 @@ fn follow_teacher(env: &mut Env, row: &mut OwnedRow) -> (StepFlags, f64) {
     let layout = env.layout().clone();
     let mut sum = 0.0;
     loop {
-        let action = row.integer(&layout, "expert") as u32;
+        let action = row.integer(&layout, "expert");
         let flags = env.step(action, &mut row.row()).expect("a step");
         sum += flags.reward;
         if flags.is_over() {

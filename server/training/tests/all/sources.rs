@@ -14,9 +14,26 @@ fn error(options: &SourceOptions) -> String {
 #[test]
 fn only_training_recipes_are_accepted() {
     let recipe = |name: &str| SourceOptions::new(SourceChoice::Recipe(name.to_owned()), 0);
-    assert!(error(&recipe("papers")).contains("use one of: paper, mini"));
+    assert!(error(&recipe("papers")).contains("use one of: paper"));
     assert!(error(&recipe("mini")).contains("needs houses of the pool 'train'"));
     assert!(EpisodeSource::open(&recipe("paper")).is_ok());
+}
+
+#[test]
+fn scans_need_a_confirmed_purpose() {
+    let scan =
+        |is_training| SourceOptions::new(SourceChoice::Scan { path: "scan.glb".into(), is_training }, 0);
+    assert!(
+        error(&scan(false)).contains("scan scan.glb has houses of the pool 'unknown: confirm the purpose")
+    );
+    assert!(EpisodeSource::open(&scan(true)).is_ok());
+}
+
+#[test]
+fn scenes_last_at_least_an_episode() {
+    let options = SourceOptions::new(SourceChoice::Recipe("paper".to_owned()), 0);
+    let error = error(&SourceOptions { episodes_per_scene: 0, ..options });
+    assert!(error.contains("`episodes_per_scene` is 0; 1 is the least"), "{error}");
 }
 
 /// Writes a data set with one scene of a pool, without missions.

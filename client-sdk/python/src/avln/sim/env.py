@@ -83,12 +83,14 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
 
         Raises:
             SimError: if the action is invalid, the episode has ended, or Ctrl-C interrupted the last step.
+            TypeError: if the action is no whole number.
         """
+        action = index(action)
         if self._vector.running:
             raise SimError("the last step was interrupted; call reset")
-        observations, rewards, terminated, truncated, infos = self._vector.step([int(action)])
+        observations, rewards, terminated, truncated, infos = self._vector.step([action])
         self._seen, info = _first(observations), _first(infos)
-        reward = float(rewards[0]) if self._reward is None else float(self._reward(self._seen, int(action), info))
+        reward = float(rewards[0]) if self._reward is None else float(self._reward(self._seen, action, info))
         return self._seen, reward, bool(terminated[0]), bool(truncated[0]), info
 
     def state(self) -> bytes:

@@ -12,12 +12,11 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
-
-    from gymnasium.vector import AutoresetMode
 
 SENSES = ("rgb", "depth", "audio")
 """Senses of the benchmark."""
@@ -53,6 +52,8 @@ class Scan:
 
     path: str | Path
     """The file or folder."""
+    training: bool = False
+    """True to confirm that the scene is for training."""
 
 
 @dataclass(frozen=True)
@@ -142,23 +143,20 @@ def to_json(
     autoreset_mode: AutoresetMode,
     **rest: Any,
 ) -> str:
-    """Returns the options of the native module.
+    """Returns the options of the native module, which checks the numbers.
 
     Raises:
-        ValueError: if a sense or a group of privileged information is unknown.
+        ValueError: if an option has another form, or an unknown name.
     """
-    known = SENSES + CHEAP_SENSES
-    unknown = [sense for sense in senses if sense not in known]
-    if unknown:
-        raise ValueError(f"`senses` has {unknown}; use {', '.join(known)}")
     groups = (PRIVILEGED[:1] if privileged else ()) if isinstance(privileged, bool) else privileged
-    unknown = [group for group in groups if group not in PRIVILEGED]
-    if unknown:
-        raise ValueError(f"`privileged` has {unknown}; use {', '.join(PRIVILEGED)}")
-    width, height = np.broadcast_to(size, 2).tolist()
+    _check_names("senses", senses, SENSES + CHEAP_SENSES)
+    _check_names("privileged", groups, PRIVILEGED)
+    if not all(map(math.isfinite, curriculum.distance_m)):
+        raise ValueError(f"`distance_m` is {curriculum.distance_m}; use two distances from 0 to 1000")
+    width, height = _sides(size)
     options = {
         "num_envs": num_envs,
-        "threads": threads or _processors(),
+        "threads": _processors() if threads is None else threads,
         "source": _source(source),
         "seed": seed,
         **asdict(curriculum),
@@ -169,11 +167,26 @@ def to_json(
         "privileged": "targets" in groups,
         "ids": "ids" in groups,
         "top_down": "top_down" in groups,
-        "autoreset": autoreset_mode.value,
-        **{sense: sense in senses for sense in known},
+        "autoreset": AutoresetMode(autoreset_mode).value,
+        **{sense: sense in senses for sense in SENSES + CHEAP_SENSES},
         **rest,
     }
     return json.dumps(options, default=_number)
+
+
+def _check_names(option: str, names: Sequence[str], known: Sequence[str]) -> None:
+    if isinstance(names, str):
+        raise ValueError(f"`{option}` is {names!r}; use a list of names, such as [{names!r}]")
+    if unknown := [name for name in names if name not in known]:
+        raise ValueError(f"`{option}` has {unknown}; use {', '.join(known)}")
+
+
+def _sides(size: int | tuple[int, int]) -> list[int]:
+    """Returns width and height."""
+    sides = np.asarray(size)
+    if sides.shape not in {(), (2,)}:
+        raise ValueError(f"`size` is {size}; use a side, or width and height")
+    return np.broadcast_to(sides, 2).tolist()
 
 
 def _number(value: Any) -> Any:
@@ -191,6 +204,8 @@ def known_render_mode(mode: str | None) -> str | None:
 
 
 def _reward(reward: object) -> str | dict[str, float]:
+    if not isinstance(reward, (str, Progress)) and not callable(reward):
+        raise ValueError(f"`reward` is {reward!r}; use a name, coefficients of `progress` or a function")
     if isinstance(reward, Progress):
         coefficients = asdict(reward)
         if not all(map(math.isfinite, coefficients.values())):
@@ -203,5 +218,5 @@ def _source(source: str | Folder | Scan) -> dict[str, Any]:
     if isinstance(source, Folder):
         return {"folder": {"path": str(source.path), "split": source.split, "training": source.training}}
     if isinstance(source, Scan):
-        return {"scan": str(source.path)}
+        return {"scan": {"path": str(source.path), "training": source.training}}
     return {"recipe": source}

@@ -88,7 +88,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             num_envs: environments.
             source: name of a recipe, whose training houses are drawn without end; a `Folder`; or a `Scan`.
             seed: seed of all draws, until `reset` gives another.
-            threads: worker threads; by default one per processor.
+            threads: worker threads, 1 to 1024; by default one per processor.
             batch_size: environments per `recv`; all by default.
             size: image side, or width and height, pixels, 64 to 1024.
             senses: any of `rgb`, `depth` and `audio`, and for training only `lidar`, `ears` and `map`.
@@ -187,13 +187,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             old = self._native
             self._begin(seed)
             old.close()
-        envs = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
+        envs = np.arange(self.num_envs) if mask is None else np.flatnonzero(self._mask(mask))
         turn = int((self._turn[0] + 1) % _BUFFERS)
         self._keep(turn, self._turn, np.setdiff1d(np.arange(self.num_envs), envs))
         self._turn[:] = turn
         self._native.send_resets(envs.tolist(), turn, envs.tolist())
         self._raise_errors(self._received(len(envs)))
         return self._observations(turn), self._infos(turn)
+
+    def _mask(self, mask: ArrayLike) -> NDArray[np.bool_]:
+        chosen = np.asarray(mask)
+        if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_:
+            raise ValueError(f"`reset_mask` is {mask}; use {self.num_envs} booleans")
+        return chosen
 
     def _keep(self, turn: int, before: NDArray[np.int64], envs: NDArray[np.int64]) -> None:
         """Copies rows from the other buffer, for environments that wrote there last."""
@@ -221,7 +227,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """
         if self.running:
             raise SimError("a step is running; call step_wait, recv or reset first")
-        chosen = np.asarray(actions, np.int64)
+        chosen = _whole("actions", actions)
         if chosen.shape != (self.num_envs,):
             raise ValueError(f"`actions` has shape {chosen.shape}; use ({self.num_envs},)")
         # After partial calls of `send`, environments can differ in their buffer; a step needs all in one.
@@ -249,7 +255,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         observations = self._observations(turn)
         self._raise_errors(results, (observations, rewards, terminated, truncated, infos))
         if self._reward is not None:
-            rewards[:] = self._reward(observations, self._actions, infos)
+            rewards[:] = _numbers(self._reward(observations, self._actions, infos))
         return observations, rewards, terminated, truncated, infos
 
     def send(self, actions: ArrayLike, env_ids: ArrayLike) -> None:
@@ -259,7 +265,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             SimError: if one of them has a running step.
             ValueError: if an index is repeated or unknown, or the number of actions differs.
         """
-        envs, chosen = np.asarray(env_ids, np.int64), np.asarray(actions, np.int64)
+        envs, chosen = _whole("env_ids", env_ids), _whole("actions", actions)
         self._check(envs, chosen)
         self._turn[envs] = (self._turn[envs] + 1) % _BUFFERS
         self._actions[envs] = chosen
@@ -302,7 +308,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._add_finals(infos, envs, flags[1] | flags[2])
         self._raise_errors(results, (rows, *flags, infos))
         if self._reward is not None:
-            flags[0][:] = self._reward(rows, self._actions[envs], infos)
+            flags[0][:] = _numbers(self._reward(rows, self._actions[envs], infos))
         return rows, flags[0], flags[1], flags[2], infos
 
     def state(self, env_id: int) -> bytes:
@@ -392,6 +398,21 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             error = SimError("; ".join(sorted(set(messages))))
             error.results = returned
             raise error
+
+
+def _whole(name: str, values: ArrayLike) -> NDArray[np.int64]:
+    """Returns integers; raises `ValueError` for other numbers, which NumPy would round."""
+    numbers = np.asarray(values)
+    if numbers.size and not np.issubdtype(numbers.dtype, np.integer):
+        raise ValueError(f"`{name}` is {values}; use whole numbers")
+    return numbers.astype(np.int64)
+
+
+def _numbers(rewards: ArrayLike | None) -> ArrayLike:
+    """Returns the rewards of a function; raises `ValueError` without them, which NumPy would convert to `nan`."""
+    if rewards is None:
+        raise ValueError("the reward function returned None; return a number per environment")
+    return rewards
 
 
 def _zeros(shape: tuple[int, ...], kind: str) -> NDArray[Any]:
