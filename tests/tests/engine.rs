@@ -5,6 +5,7 @@
 
 use avln_tests::machine::{self, excluded, root, skipped, text};
 use std::{
+    collections::BTreeSet,
     fs,
     net::TcpListener,
     path::{Path, PathBuf},
@@ -19,8 +20,8 @@ const PROJECT: &str = "avln-test";
 const DATA: &str = "avln-test-data";
 const BACKUPS: &str = "avln-test-backups";
 const PROBE: &str = "avln-test-probe";
-/// A network with an address of this machine, as engines before Docker 28 create it.
-const NOT_ISOLATED: &str = "networks: { sealed: { driver_opts: {
+/// A network with an address of this machine, as engines before Docker 28 create it, and with another size than by default.
+const NOT_ISOLATED: &str = "networks: { sealed: { ipam: { config: [{ subnet: 10.213.7.64/26 }] }, driver_opts: {
     com.docker.network.bridge.gateway_mode_ipv4: nat, com.docker.network.bridge.gateway_mode_ipv6: nat } } }\n";
 /// Longest wait for a condition.
 const PATIENCE: Duration = Duration::from_secs(180);
@@ -288,6 +289,34 @@ fn prepare_challenge(engine: &Engine) -> String {
     token.unwrap_or_else(|| panic!("no token in {team}")).to_owned()
 }
 
+/// Gives the data volume to another user; the error contains the command that gives it back.
+fn check_foreign_volume(engine: &Engine) {
+    let own = |user: &str| {
+        let volume = format!("{DATA}:/data");
+        engine.docker(&[
+            "run",
+            "--rm",
+            "--user",
+            "0",
+            "--volume",
+            &volume,
+            "avln-server:test",
+            "chown",
+            "-R",
+            user,
+            "/data",
+        ])
+    };
+    own("0");
+    let command = ["run", "--rm", "--no-deps", "challenge-server", "avln", "challenge", "team", "add", "Bea"];
+    let refused = said(&engine.try_compose("challenge", &command));
+    assert!(
+        refused.contains("cannot write to data folder /data") && refused.contains("chown -R 10001 /data"),
+        "{refused}"
+    );
+    own("10001");
+}
+
 #[test]
 fn trial_survives_killed_server() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -302,6 +331,12 @@ fn trial_survives_killed_server() {
         "a second up restarts nothing"
     );
 
+    // PAG-Nav thinks longer, so that both runs are open when it has played an episode.
+    let logs = || engine.compose("trial", &["logs", "trial-random", "trial-pag-nav"]);
+    wait("an episode of PAG-Nav ends", || {
+        engine.compose("trial", &["logs", "trial-pag-nav"]).contains("episode 1 of 6")
+    });
+    assert!(!logs().contains("6 of 6"), "a run is over before the kill: {}", logs());
     let kill = "for p in /proc/[0-9]*; do [ \"$(cat $p/comm 2>/dev/null)\" = avln ] && kill -9 ${p#/proc/}; done; true";
     engine.compose("trial", &["exec", "--no-TTY", "trial-server", "bash", "-c", kill]);
     for agent in ["trial-random", "trial-pag-nav"] {
@@ -313,8 +348,11 @@ fn trial_survives_killed_server() {
         );
     }
     assert_ne!(started("trial-server"), before[0], "the server was killed");
-    let logs = engine.compose("trial", &["logs", "trial-random", "trial-pag-nav"]);
+    let logs = logs();
     assert_eq!(logs.matches("6 of 6 episodes, complete").count(), 2, "{logs}");
+    let runs: BTreeSet<&str> =
+        logs.split("/runs/").skip(1).filter_map(|rest| rest.split_whitespace().next()).collect();
+    assert_eq!(runs.len(), 2, "the runs continue: {logs}");
     let link = format!("http://127.0.0.1:{}/runs/run_", engine.web_port);
     assert!(logs.contains(&link), "{logs}");
     let server = engine.compose("trial", &["logs", "--no-color", "trial-server"]);
@@ -371,6 +409,7 @@ fn challenge_and_sealed_agent_play() {
     wait("a backup is written", || backups().contains(".tar"));
     engine.compose("challenge", &["down", "--volumes"]);
     assert!(backups().contains(".tar"), "backups survive `down --volumes`");
+    check_foreign_volume(&engine);
 
     engine.docker(&["build", "--tag", PROBE, &engine.path("probe").display().to_string()]);
     let refuses = |lines: &str| {

@@ -29,7 +29,7 @@
 //! - A sound does not identify its goal: A_bear receives each sound for all open goals, and older ones weigh less, since sources
 //!   alternate. s_aud uses the direction from the place of hearing, for the current sound the agent, to the frontier. Two ears do not
 //!   separate front from back: the better of both directions counts.
-//! - The active goal of an unordered mission is the open goal with the best S_ground, otherwise the first open one.
+//! - In an unordered mission, the candidates of all open goals compete by S_ground. S_search is for the first open goal.
 //! - The frontier stays the target for `keep_steps`. Ties are decided by the shorter way. When everything is explored, the map
 //!   restarts.
 //! - Frontiers behind unknown cells count only if no others are reachable. The gate also demands a free line of sight on the map. A
@@ -50,8 +50,15 @@
 //! [`Preset::PagNavPlus`] adds the extensions in [`Switches`]. In both presets, every Submit and Stop follows a verification in the
 //! current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates these actions, and only an
 //! open gate creates a `Warrant`, or the ablation `no_gate`. Patience and hurry lower the number of looks, never the floor. Without a
-//! located source at the candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself, and no candidate
-//! needs sound: with `silence_outcomes`, a candidate without its sound comes after all others.
+//! located source at the candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself.
+//!
+//! With `silence_outcomes`, if found targets fall silent and Submits receive no verdict, an open gate also waits for sound:
+//! - A located source that supports the candidate suffices, at the start of its turn only after three steps. Otherwise the current
+//!   source must be within `look_range_m` by its mean level over three steps, possibly at the candidate, with two more steps of sound.
+//! - Meanwhile the agent turns to and fro. It sets the candidate aside if every open source is faint there or certainly elsewhere, or
+//!   after waiting for a cycle of the sounding windows and 5 steps.
+//! - The candidate returns once everything reachable is explored; set aside only once, also when a located source supports it.
+//! - The last `hurry_steps` of the episode, 80 in PAG-Nav+, need no sound: the agent stops waiting, and these candidates return.
 //!
 //! The files in `presets/` document all [`Weights`]. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the value
 //! of perfect hearing, for privileged variants only. The agent is *learnt perception*: its network was trained on training houses.

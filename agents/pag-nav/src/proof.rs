@@ -144,7 +144,7 @@ fn believe(agent: &mut PagNav, dice: &mut Dice, places: &[FloorPoint]) {
     });
 }
 
-fn agent(dice: &mut Dice) -> PagNav {
+fn agent(dice: &mut Dice) -> (Preset, PagNav) {
     let preset = Preset::ALL[dice.below(2)];
     let mut agent = PagNav::with(preset.weights(), Box::<Scripted>::default()).without(ablation(dice));
     agent.begin(&task(dice), &mission(dice));
@@ -152,7 +152,7 @@ fn agent(dice: &mut Dice) -> PagNav {
         let pose = Pose2d::new(&Pose::new([0.0; 3], quarter as f32 * FRAC_PI_2));
         agent.here.map.see(&PinholeCamera::new(&task(dice)), &pose, &depth());
     }
-    agent
+    (preset, agent)
 }
 
 /// Decisions in random beliefs.
@@ -160,6 +160,8 @@ fn agent(dice: &mut Dice) -> PagNav {
 struct Decisions {
     submits: u32,
     stops: u32,
+    /// Submits and Stops by preset, in the order of [`Preset::ALL`].
+    claims: [u32; 2],
     /// No claim, and no visual support above the floor.
     refusals: u32,
 }
@@ -168,10 +170,10 @@ impl Decisions {
     /// Decides in the belief of this seed, and checks the claim.
     fn count(&mut self, seed: u64) {
         let mut dice = Dice(seed);
-        let mut agent = agent(&mut dice);
+        let (preset, mut agent) = agent(&mut dice);
         let places: Vec<FloorPoint> = (0..OBJECTS).map(|_| dice.place()).collect();
         believe(&mut agent, &mut dice, &places);
-        let (goals, floor) = (agent.mission.goals(), agent.weights.verify_floor);
+        let goals = agent.mission.goals();
         let pose = Pose2d::new(&dice.pose_facing(places[0]));
         let seen: Vec<DetectedObject> =
             if dice.is(0.3) { Vec::new() } else { vec![dice.detection(places[0], goals)] };
@@ -181,18 +183,20 @@ impl Decisions {
             (agent.mission.is_last_claim(), agent.mission.active().collect());
         let action = agent.decide(&pose);
         if !matches!(action, Action::Submit | Action::Stop) {
-            self.refusals += u32::from(best < floor);
+            self.refusals += u32::from(best < agent.weights.verify_floor);
             return;
         }
         let candidate = agent.decision.candidate.expect("a candidate");
         let look = agent.fresh.iter().filter(|look| look.object() == candidate.object);
         let vis = look.map(|look| look.vis(candidate.goal)).fold(0.0, f32::max);
+        let floor = agent.weights.least_vis(agent.is_supported(&candidate));
         assert!(vis >= floor && best >= floor, "seed {seed}: {action} with s_vis {vis}");
         assert!(active.contains(&candidate.goal), "seed {seed}: goal {}", candidate.goal);
         assert!(pose.bearing_rad(candidate.place).abs() <= agent.weights.submit_rad);
         assert!(candidate.place.distance_m(pose.place) <= agent.weights.submit_m);
         assert_eq!(action == Action::Stop, is_last, "seed {seed}");
         *(if is_last { &mut self.stops } else { &mut self.submits }) += 1;
+        self.claims[preset as usize] += 1;
     }
 }
 
@@ -212,6 +216,8 @@ fn claims_follow_a_fresh_look_above_the_floor() {
     assert!(first.submits + second.submits > 10, "{first:?} {second:?}");
     assert!(first.stops + second.stops > 5, "{first:?} {second:?}");
     assert!(first.refusals + second.refusals > 50, "{first:?} {second:?}");
+    let claims = first.claims.iter().zip(second.claims).map(|(first, second)| first + second);
+    assert!(claims.min() > Some(0), "{first:?} {second:?}");
 }
 
 /// A recognition with scripted detections; it skips frames, unless refreshed.
@@ -283,7 +289,7 @@ fn played_episodes_claim_only_what_the_frame_shows() {
         let mission = mission(&mut dice);
         let goals = mission.goals.len();
         agent.begin(&task(&mut dice), &mission);
-        let (floor, places) = (agent.weights.verify_floor, [dice.place(), dice.place(), dice.place()]);
+        let places = [dice.place(), dice.place(), dice.place()];
         let mut submits = 0;
         for step in 0..120 {
             let place = places[dice.below(3)];
@@ -298,6 +304,8 @@ fn played_episodes_claim_only_what_the_frame_shows() {
             if matches!(action, Action::Submit | Action::Stop) {
                 claims += 1;
                 let best = script.lock().unwrap().best;
+                let candidate = agent.decision.candidate.expect("a candidate");
+                let floor = agent.weights.least_vis(agent.is_supported(&candidate));
                 assert!(best >= floor, "seed {seed}, step {step}: {action} with s_vis {best}");
             }
             submits += usize::from(action == Action::Submit);

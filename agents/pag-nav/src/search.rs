@@ -191,9 +191,10 @@ impl PagNav {
         !around.any(|cell| self.here.map.is_unknown(cell))
     }
 
-    /// Returns the reachable frontier representative with the best S_search, and the score; the shorter way decides ties.
+    /// Returns the reachable frontier representative with the best S_search for the first open goal, and the score; the shorter way
+    /// decides ties.
     fn best_frontier(&mut self, pose: &Pose2d) -> Option<(FloorPoint, f32)> {
-        let goal = self.active_goal()?;
+        let goal = self.mission.active().next()?;
         self.weigh_bearings(goal);
         let is_new =
             |place: FloorPoint| self.here.visited.iter().all(|other| other.distance_m(place) > SAME_M);
@@ -263,12 +264,6 @@ impl PagNav {
             !map.is_unknown(Cell::at(place)) && candidates.iter().all(|other| other.distance_m(place) > AT_M)
         };
         self.here.bearings[goal].weigh(range_m, is_explained);
-    }
-
-    /// Returns the active goal: of an unordered mission the goal of the last candidate, otherwise the first open one.
-    pub(crate) fn active_goal(&self) -> Option<usize> {
-        let chosen = self.aim.as_ref().map(|aim| aim.goal).filter(|&goal| self.mission.is_active(goal));
-        chosen.or_else(|| self.mission.active().next())
     }
 
     /// Returns a step on stairs, if the agent is on some or the search on this storey took too long.

@@ -153,7 +153,7 @@ fn print_addresses(open: &RunningServers, urls: PublicUrls) {
     say!("agents       {}", urls.grpc.unwrap_or_else(|| local(open.grpc)));
     say!("leaderboard  {}", urls.web.unwrap_or_else(|| local(open.web)));
     if let Some(admin) = open.admin {
-        say!("operator     http://{admin}");
+        say!("operator     http://{admin} (only on this machine, or in this container)");
     }
 }
 

@@ -49,10 +49,12 @@ def batch(episodes: list[Episode]) -> torch.Tensor:
 
 
 def choose(policy: Policy, episodes: list[Episode], generator: torch.Generator) -> list[avln.Action]:
-    """Draws an action per slot from the policy's scores; the last step is Stop."""
+    """Draws an action per slot from the policy's scores, within the remaining Submits; the last step is Stop."""
     with torch.inference_mode():
-        chances = policy(batch(episodes)).softmax(dim=1)
-    drawn = torch.multinomial(chances, 1, generator=generator)[:, 0].tolist()
+        scores = policy(batch(episodes))
+        spent = [episode.observation.remaining_submits == 0 for episode in episodes]
+        scores[torch.tensor(spent), avln.Action.SUBMIT] = -torch.inf
+    drawn = torch.multinomial(scores.softmax(dim=1), 1, generator=generator)[:, 0].tolist()
     is_last = [episode.observation.remaining_steps == 1 for episode in episodes]
     return [avln.Action.STOP if last else avln.Action(index) for last, index in zip(is_last, drawn)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,3 +87,20 @@ def test_torch_policy_plays_slots_in_one_batch(client: avln.Client) -> None:
 
     plays = client.play_slots(client.start_run(PHASE, "torch"), 2, SENSORS)
     assert play_slots(plays, Policy().eval()).complete
+
+
+def test_torch_policy_keeps_to_remaining_submits() -> None:
+    torch = pytest.importorskip("torch", reason="pip install 'avln[torch]'")
+    from torch_policy import SIDE, Policy, choose  # noqa: PLC0415
+
+    def episode(submits: int, steps: int) -> Any:
+        rgb, depth = np.zeros((SIDE, SIDE, 3), np.uint8), np.zeros((SIDE, SIDE), np.float32)
+        seen = avln.Observation(rgb=rgb, depth=depth, remaining_steps=steps, remaining_submits=submits)
+        return SimpleNamespace(observation=seen, task=avln.TaskSpec())
+
+    policy = Policy().eval()
+    torch.nn.init.constant_(policy.head.bias[avln.Action.SUBMIT], 99.0)
+    episodes = [episode(1, 9), episode(0, 9), episode(1, 1)]
+    first, second, last = choose(policy, episodes, torch.Generator().manual_seed(1))
+    assert (first, last) == (avln.Action.SUBMIT, avln.Action.STOP)
+    assert second != avln.Action.SUBMIT

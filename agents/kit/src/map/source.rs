@@ -35,7 +35,7 @@ const MISSED_M: f32 = 1.8;
 /// Radius around the best cell whose probability mass is the certainty, metres.
 const CERTAIN_M: f32 = 0.75;
 
-/// A source's likelihood over the floor plan, accumulated from bearings and levels : an extension of the paper.
+/// A source's likelihood over the floor plan, accumulated from bearings and levels: an extension of the paper.
 pub struct SourceBelief {
     scores: Vec<f32>,
 }

@@ -206,7 +206,7 @@ pub struct TraceSummary {
     pub stops: u32,
     /// Submits and Stops without a look of the current frame at the candidate.
     pub unverified: u32,
-    /// Submits and Stops with s_vis of the fresh look below the floor.
+    /// Submits and Stops with s_vis of the fresh look below their floor.
     pub below_floor: u32,
 }
 
@@ -242,20 +242,31 @@ fn add_folder(folder: &Path, summary: &mut TraceSummary) -> Result<(), TraceErro
 fn add_trace(path: &Path, summary: &mut TraceSummary) -> Result<(), String> {
     let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
     summary.episodes += 1;
-    let mut floor = None;
+    let mut weights = Value::Null;
     for (number, line) in (1..).zip(text.lines()) {
         let line: Value = serde_json::from_str(line).map_err(|error| format!("line {number}: {error}"))?;
-        floor = line["weights"]["verify_floor"].as_f64().or(floor);
+        if line["weights"].is_object() {
+            weights = line["weights"].clone();
+        }
         match line["action"].as_str() {
             Some("Submit") => summary.submits += 1,
             Some("Stop") => summary.stops += 1,
             _ => continue,
         }
         // The look itself, not the verification, which exists above the floor only.
-        match (line["gate"]["fresh_vis"].as_f64(), floor) {
+        match (line["gate"]["fresh_vis"].as_f64(), floor_of(&line, &weights)) {
             (Some(vis), Some(floor)) => summary.below_floor += u32::from(vis < floor),
             _ => summary.unverified += 1,
         }
     }
     Ok(())
+}
+
+/// Returns the floor of a claim: that of its verification. An ungated claim may have none: then the floor is `verify_unheard` if no
+/// source supports the candidate, otherwise the least possible one.
+fn floor_of(claim: &Value, weights: &Value) -> Option<f64> {
+    let least = weights["verify_floor"].as_f64();
+    let unheard = weights["verify_unheard"].as_f64().filter(|_| claim["candidate"]["source"].is_null());
+    let ungated = least.map(|least| unheard.map_or(least, |unheard| least.max(unheard)));
+    claim["gate"]["verification"]["floor"].as_f64().or(ungated)
 }

@@ -11,7 +11,7 @@ use avln_client::{
 use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_kit::map::{Occupancy, expected_level};
 use avln_kit::perception::{HintRecognition, Hints, TargetHint};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -113,10 +113,7 @@ fn traces_can_be_read_back() {
         (&first["agent"], &first["version"]),
         (&"avln-pag-nav".into(), &env!("CARGO_PKG_VERSION").into())
     );
-    assert_eq!(
-        first["goals"],
-        serde_json::json!([{"category": "bed"}, {"image": {"width": 2, "height": 1}}])
-    );
+    assert_eq!(first["goals"], json!([{"category": "bed"}, {"image": {"width": 2, "height": 1}}]));
     assert_eq!((&first["order"], &first["weights"]["verify_looks"]), (&"unordered".into(), &1.into()));
     assert_eq!(first["ablation"]["no_gate"], false);
 
@@ -166,7 +163,7 @@ fn maps_appear_every_25_steps_and_last() {
     );
     assert_eq!(all.last(), maps.last().copied());
     let object = &maps[1]["objects"][0];
-    assert_eq!((&object["vis"], &object["object"]), (&serde_json::json!([1.0, 0.0]), &0.into()));
+    assert_eq!((&object["vis"], &object["object"]), (&json!([1.0, 0.0]), &0.into()));
     assert_eq!(object["max_m"][1].as_f64().map(|y| y as f32), Some(0.8));
 }
 
@@ -300,21 +297,32 @@ fn hostile_handles_name_no_file() {
 #[test]
 fn claims_are_counted_by_support() {
     let folder = tempfile::tempdir().unwrap();
-    let claim = |action: &str, vis: &str| {
-        format!("{{\"kind\":\"step\",\"action\":\"{action}\",\"gate\":{{\"fresh_vis\":{vis}}}}}\n")
+    let claim = |action: &str, vis: Option<f64>, source: Option<usize>, floor: Option<f64>| {
+        let verification = floor.map(|floor| json!({"floor": floor}));
+        let gate = json!({"fresh_vis": vis, "verification": verification});
+        json!({"kind": "step", "action": action, "candidate": {"source": source}, "gate": gate}).to_string()
     };
-    let text = "{\"kind\":\"mission\",\"weights\":{\"verify_floor\":0.25}}\n".to_owned()
-        + &claim("Submit", "0.5")
-        + &claim("MoveForward", "null")
-        + &claim("Submit", "0.2")
-        + &claim("Stop", "null");
+    let weights = json!({"verify_floor": 0.25, "verify_unheard": 0.5});
+    let text = [
+        json!({"kind": "mission", "weights": weights}).to_string(),
+        claim("Submit", Some(0.3), Some(0), Some(0.25)),
+        claim("MoveForward", None, None, None),
+        // Below the floor of the verification, which is not the least one.
+        claim("Submit", Some(0.4), Some(0), Some(0.5)),
+        // Ungated, without and with a source.
+        claim("Submit", Some(0.3), None, None),
+        claim("Submit", Some(0.3), Some(0), None),
+        claim("Submit", Some(0.2), Some(0), None),
+        claim("Stop", None, None, None),
+    ]
+    .join("\n");
     fs::create_dir(folder.path().join("inner")).unwrap();
     fs::write(folder.path().join("inner/e.jsonl"), text).unwrap();
     fs::write(folder.path().join("notes.txt"), "no trace").unwrap();
-    let expected = TraceSummary { episodes: 1, submits: 2, stops: 1, unverified: 1, below_floor: 1 };
+    let expected = TraceSummary { episodes: 1, submits: 5, stops: 1, unverified: 1, below_floor: 3 };
     let summary = summarise(folder.path()).unwrap();
     assert_eq!(summary, expected);
-    assert!(summary.to_string().ends_with("below the floor: 1"));
+    assert!(summary.to_string().ends_with("below the floor: 3"));
 }
 
 #[test]

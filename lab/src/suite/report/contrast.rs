@@ -30,6 +30,8 @@ pub(super) struct Difference {
     pub(super) high: f64,
     /// Probability of an equal or greater difference if the signs of the houses were random.
     pub(super) p: f64,
+    /// Tests in the family for which `p` is corrected; 1 before the correction.
+    pub(super) family: usize,
 }
 
 impl Difference {
@@ -82,7 +84,8 @@ fn test(scenes: &[SceneSum], count: usize) -> Option<Difference> {
     let value = mean(scenes.iter())?;
     let (low, high) = interval(scenes).unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
     let p = sign_flip(scenes);
-    Some(Difference { count, scenes: scenes.len(), value, low: low.min(value), high: high.max(value), p })
+    let (low, high) = (low.min(value), high.max(value));
+    Some(Difference { count, scenes: scenes.len(), value, low, high, p, family: 1 })
 }
 
 fn mean<'a>(scenes: impl Iterator<Item = &'a SceneSum>) -> Option<f64> {
@@ -130,7 +133,7 @@ pub(super) fn holm<'a>(family: impl IntoIterator<Item = &'a mut Difference>) {
     let (count, mut least) = (family.len(), 0.0);
     for (rank, difference) in family.into_iter().enumerate() {
         least = (difference.p * (count - rank) as f64).max(least).min(1.0);
-        difference.p = least;
+        (difference.p, difference.family) = (least, count);
     }
 }
 
@@ -204,9 +207,23 @@ pub(super) fn correct(family: &mut [Contrast]) {
     holm(family.iter_mut().map(|contrast| &mut contrast.test));
 }
 
-/// Returns a table with a row per difference in `number`.
+/// Names the families of a table's tests: one for the table, or one for each agent.
+pub(super) fn family_note<'a>(tests: impl Iterator<Item = &'a Difference>) -> String {
+    let sizes: Vec<usize> = tests.map(|test| test.family).collect();
+    match sizes[..] {
+        [1] => "The p-value of the only test is not corrected.".to_owned(),
+        [size, ..] if size == sizes.len() => {
+            format!("p-values are corrected over the {size} tests of this table.")
+        }
+        _ => "p-values are corrected over the tests of each agent in this table.".to_owned(),
+    }
+}
+
+/// Returns the family of the tests, and a table with a row per difference in `number`.
 pub(super) fn contrast_table(contrasts: &[Contrast], number: &str) -> String {
-    let mut text = format!("| comparison | order | n | {number} difference | p |\n|---|---|---|---|---|\n");
+    let family = family_note(contrasts.iter().map(|contrast| &contrast.test));
+    let mut text =
+        format!("{family}\n\n| comparison | order | n | {number} difference | p |\n|---|---|---|---|---|\n");
     for Contrast { label, order, test } in contrasts {
         let cells = [label.clone(), order.as_str().to_owned(), test.count.to_string(), points(test), p(test)];
         let _ = writeln!(text, "| {} |", cells.join(" | "));
@@ -319,15 +336,20 @@ mod tests {
 
     #[test]
     fn holm_corrects_by_rank() {
-        let of = |p| Difference { count: 1, scenes: 1, value: 1.0, low: 0.0, high: 2.0, p };
+        let of = |p| Difference { count: 1, scenes: 1, value: 1.0, low: 0.0, high: 2.0, p, family: 1 };
         let mut family = [of(0.04), of(0.01), of(0.03), of(0.9)];
         holm(&mut family);
         assert_eq!(family.map(|tested| (tested.p * 100.0).round() as u32), [9, 4, 9, 90]);
+        let note = family_note(family.iter());
+        assert_eq!(note, "p-values are corrected over the 4 tests of this table.");
+        let two_agents = [family, family].concat();
+        assert!(family_note(two_agents.iter()).contains("of each agent"));
+        assert!(family_note([of(0.5)].iter()).contains("not corrected"));
     }
 
     #[test]
     fn differences_are_shown_with_interval_and_p() {
-        let test = Difference { count: 9, scenes: 3, value: 1.5, low: -0.5, high: 3.0, p: 0.25 };
+        let test = Difference { count: 9, scenes: 3, value: 1.5, low: -0.5, high: 3.0, p: 0.25, family: 1 };
         let contrast = Contrast { label: "a - b".to_owned(), order: Order::Ordered, test };
         let table = contrast_table(&[contrast], "ISR");
         assert!(table.ends_with("| a - b | ordered | 9 | +1.5 [-0.5, +3.0] | p = 0.2500 |\n"), "{table}");

@@ -29,7 +29,7 @@ pub(super) fn difficulty_section(track: &TrackResults<'_>) -> PageSection {
         let _ = write!(section.text, "\n{}", contrast_table(&contrasts, "SR"));
     }
     section.add_chart("results-difficulty.svg", "SR of all methods with 95 % intervals", chart(track));
-    let _ = write!(section.text, "\n{}\n", answer(track, best, &contrasts));
+    let _ = write!(section.text, "\n{}\n", answer(track, best, &best_of_types, &contrasts));
     section
 }
 
@@ -108,12 +108,22 @@ fn rates(track: &TrackResults<'_>, name: &str) -> String {
     format!("{ordered} of the ordered and {unordered} of the unordered missions")
 }
 
-fn answer(track: &TrackResults<'_>, best: AgentVariant, contrasts: &[Contrast]) -> String {
+fn answer(
+    track: &TrackResults<'_>,
+    best: AgentVariant,
+    best_of_types: &[(String, AgentVariant)],
+    contrasts: &[Contrast],
+) -> String {
+    let others = best_of_types.iter().filter(|(_, variant)| *variant != best);
+    let others: Vec<String> = others.map(|(method_type, _)| method_type.clone()).collect();
     let unsure: Vec<String> =
         contrasts.iter().filter(|contrast| !contrast.test.is_significant()).map(Contrast::name).collect();
     let verdict = match (contrasts.is_empty(), unsure.is_empty()) {
         (true, _) => "no other type has results".to_owned(),
-        (false, true) => "the differences to the best methods of all other types are significant".to_owned(),
+        (false, true) => {
+            let methods = if others.len() == 1 { "method" } else { "methods" };
+            format!("the differences to the best {} {methods} are significant", list(&others))
+        }
         (false, false) => format!("these differences are not significant: {}", list(&unsure)),
     };
     let bound = match track.has("shortest-path") {
@@ -146,8 +156,8 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
         return section;
     }
     section.text = "## Hard track\n\nThe missions of the main track with the rule set `lh-avln-hard-v1`: as many distractor sources \
-         as goals, noisy sensors, and no verdict by sudden silence. No single sense suffices: following sounds leads to \
-         distractor sources at least as often as to targets.\n"
+         as goals, noisy sensors, and no verdict by sudden silence. The track is designed to require vision, hearing and \
+         memory: following sounds leads to distractor sources at least as often as to targets.\n"
         .to_owned();
     for order in ORDERS {
         let header = header_of(&labels_with_floor());
@@ -183,18 +193,19 @@ fn hard_answer(track: &TrackResults<'_>, contrasts: &[Contrast]) -> String {
     let by_sound = ORDERS.map(|order| track.row("sound-follower", order).sr());
     let is_low = by_sound.iter().flatten().all(|sr| sr.value <= MOST_BY_SOUND);
     let aim = if is_low { "within" } else { "above" };
-    let is_above = |contrast: &&Contrast| contrast.test.is_significant() && contrast.test.value > 0.0;
-    let (sure, unsure): (Vec<_>, Vec<_>) = contrasts.iter().partition(is_above);
-    let names = |part: &[&Contrast]| {
-        let names: Vec<_> = part.iter().map(|contrast| contrast.name()).collect();
-        if names.is_empty() { "none".to_owned() } else { list(&names) }
+    let sure = || contrasts.iter().filter(|contrast| contrast.test.is_significant());
+    let above = sure().filter(|contrast| contrast.test.value > 0.0).count();
+    let (below, unsure) = (sure().count() - above, contrasts.len() - sure().count());
+    let differences = match contrasts.is_empty() {
+        true => format!("{FULL} has no results to compare"),
+        false => format!(
+            "differences of {FULL} in the table above: {above} significantly positive, {below} significantly negative, {unsure} \
+             not significant"
+        ),
     };
     format!(
-        "**Answer.** The sound-follower completes {} ({aim} the aim of 5 %), the shortest path {}; significant differences: {}; \
-         not significant: {}.",
+        "**Answer.** The sound-follower completes {} ({aim} the aim of 5 %), the shortest path {}; {differences}.",
         rates(track, "sound-follower"),
-        rates(track, "shortest-path"),
-        names(&sure),
-        names(&unsure)
+        rates(track, "shortest-path")
     )
 }

@@ -3,19 +3,28 @@
 
 use super::chart::Chart;
 use super::contrast::{
-    Contrast, Difference, ORDERS, PageSection, chart_rows, contrast_table, correct, family, holm, list, p,
-    points,
+    Contrast, Difference, ORDERS, PageSection, chart_rows, contrast_table, correct, family, family_note,
+    holm, list, p, points,
 };
+use super::percent;
 use super::selection::{RowResults, TrackResults, modality_share};
 use crate::suite::ResultLine;
 use avln_episode::{Modality, Order};
 use std::fmt::Write as _;
 
 /// Ablations of hearing: suffix and meaning.
-const ABLATIONS: [(&str, &str); 3] = [
-    ("no-audio", "no hearing: neither search nor outcomes of Submits by sound"),
-    ("no-search-sound", "no search by sound; outcomes of Submits by sound"),
-    ("no-outcomes", "search by sound; no outcomes of Submits by sound"),
+pub(super) const SOUND_ABLATIONS: [(&str, &str); 3] = [
+    ("no-audio", "no hearing, hence no search, located sources, grounding or outcomes of Submits by sound"),
+    (
+        "no-search-sound",
+        "outcomes of Submits by sound, but no search by sound, hence no located sources, no grounding by sound, no association \
+         of sources and goals, and no lower floor of visual verification at located sources (in pag-nav-plus 0.25 instead of \
+         0.5)",
+    ),
+    (
+        "no-outcomes",
+        "search by sound, but no outcomes of Submits by sound, hence no wait at the gate for the target's sound",
+    ),
 ];
 const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Modality::Image];
 
@@ -23,18 +32,16 @@ const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Mo
 pub(super) fn sound_section(track: &TrackResults<'_>, with_verdicts: &TrackResults<'_>) -> PageSection {
     let mut section = PageSection::default();
     let full = track.full_agent();
-    let mut rows: Vec<_> =
-        ABLATIONS.into_iter().flat_map(|(suffix, _)| compared(track, full, suffix, "")).collect();
-    let verdicts = with_verdicts.full_agent();
-    rows.extend(compared(with_verdicts, verdicts, "no-audio", ", verdicts sent to both"));
     let Some(search) = searched(track, full) else { return section };
-    holm(rows.iter_mut().flat_map(|row| &mut row.metrics).map(|contrast| &mut contrast.test));
+    let rows = SOUND_ABLATIONS.into_iter().flat_map(|(suffix, _)| compared(track, full, suffix, ""));
+    let rows = corrected(rows.collect());
     section.text = format!(
         "## Question 2: benefit of sound beyond vision and language\n\nDifferences between {full} and its ablations on common \
-         missions, in percentage points. Hearing has two uses: search, and the outcomes of Submits, since a found target falls \
-         silent. {}. With verdicts, the server sends the outcome of every Submit to both variants.\n\n{}",
-        ABLATIONS.map(|(suffix, meaning)| format!("*{suffix}*: {meaning}")).join(". "),
-        table(&rows)
+         missions, in percentage points. Hearing has three uses: search, grounding with verification, and the outcomes of \
+         Submits, since a found target falls silent. {}\n\n{}{}",
+        legend(SOUND_ABLATIONS, |suffix| track.has(&format!("{full}-{suffix}"))),
+        table(&rows),
+        verdicts(with_verdicts)
     );
     let situations = situations(track, full, search);
     let _ = write!(
@@ -52,6 +59,41 @@ pub(super) fn sound_section(track: &TrackResults<'_>, with_verdicts: &TrackResul
     section.add_chart("results-sound.svg", "Benefit of sound by situation with 95 % intervals", chart.svg());
     let _ = write!(section.text, "\n{}\n", sound_answer(full, search, &rows, &situations));
     section
+}
+
+/// Returns the meanings of the ablations with results.
+pub(super) fn legend(
+    ablations: impl IntoIterator<Item = (&'static str, &'static str)>,
+    has: impl Fn(&str) -> bool,
+) -> String {
+    let present = ablations.into_iter().filter(|(suffix, _)| has(suffix));
+    present.map(|(suffix, meaning)| format!("*{suffix}*: {meaning}.")).collect::<Vec<_>>().join(" ")
+}
+
+/// Returns levels, and the value of hearing for both presets, with verdicts; empty without results.
+fn verdicts(track: &TrackResults<'_>) -> String {
+    if track.lines.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from(
+        "\nWith verdicts, the server sends the outcome of every Submit to both variants.\n\n\
+         | agent, with verdicts | order | n | SR | ISR |\n|---|---|---|---|---|\n",
+    );
+    for order in ORDERS {
+        for variant in track.variants() {
+            let Some(summary) = track.variant(variant, order).summary() else { continue };
+            let (name, order) = (variant.name(), order.as_str());
+            let [sr, isr] = [summary.sr, summary.isr].map(percent);
+            let _ = writeln!(text, "| {name} | {order} | {} | {sr} | {isr} |", summary.episodes);
+        }
+    }
+    let presets = presets(track).into_iter();
+    let rows = presets.flat_map(|preset| compared(track, preset, "no-audio", ", verdicts sent to both"));
+    let rows = corrected(rows.collect());
+    if !rows.is_empty() {
+        let _ = write!(text, "\n{}", table(&rows));
+    }
+    text
 }
 
 /// Returns the least confounded ablation of search by sound with results.
@@ -78,16 +120,21 @@ fn compared(track: &TrackResults<'_>, full: &str, suffix: &'static str, note: &s
             Some(Contrast { label: label.clone(), order, test })
         };
         let metrics: Vec<_> = numbers.into_iter().filter_map(contrast).collect();
-        // The answer is about the rows without verdicts.
-        let suffix = if note.is_empty() { suffix } else { "" };
         (!metrics.is_empty()).then_some(SoundRow { label, suffix, metrics })
     };
     ORDERS.into_iter().filter_map(row).collect()
 }
 
+/// Corrects the p-values of a table's rows as a family.
+fn corrected(mut rows: Vec<SoundRow>) -> Vec<SoundRow> {
+    holm(rows.iter_mut().flat_map(|row| &mut row.metrics).map(|contrast| &mut contrast.test));
+    rows
+}
+
 fn table(rows: &[SoundRow]) -> String {
-    let mut text = String::from(
-        "| comparison | order | n | SR difference | ISR difference | OSR difference |\n|---|---|---|---|---|---|\n",
+    let family = family_note(rows.iter().flat_map(|row| &row.metrics).map(|contrast| &contrast.test));
+    let mut text = format!(
+        "{family}\n\n| comparison | order | n | SR difference | ISR difference | OSR difference |\n|---|---|---|---|---|---|\n"
     );
     for SoundRow { label, metrics, .. } in rows {
         let Some(first) = metrics.first() else { continue };
@@ -149,14 +196,18 @@ fn thirds_m(row: &RowResults<'_>) -> [f64; 2] {
 fn sound_answer(full: &str, search: &str, rows: &[SoundRow], situations: &[Contrast]) -> String {
     let isr = rows.iter().filter(|row| row.suffix == search).filter_map(|row| row.metrics.get(1));
     let clauses: Vec<String> = isr.map(clause).collect();
-    let sure =
-        situations.iter().filter(|contrast| contrast.test.is_significant() && contrast.test.value > 0.0);
-    let most = sure.reduce(|most, next| if next.test.value > most.test.value { next } else { most });
-    let most = match most {
-        Some(most) => format!("the benefit is largest for {} ({})", most.name(), most.words()),
-        None => "no situation has a significant benefit".to_owned(),
+    let is_sure = |contrast: &&Contrast| contrast.test.is_significant() && contrast.test.value > 0.0;
+    let sure: Vec<&Contrast> = situations.iter().filter(is_sure).collect();
+    let most =
+        sure.iter().copied().reduce(|most, next| if next.test.value > most.test.value { next } else { most });
+    let most = match (most, sure.len()) {
+        (Some(only), 1) => format!("the only significant situation is {} ({})", only.name(), only.words()),
+        (Some(most), _) => {
+            format!("the largest significant benefit is that for {} ({})", most.name(), most.words())
+        }
+        (None, _) => "no situation has a significant benefit".to_owned(),
     };
-    let sound = if search == "no-audio" { "hearing" } else { "search by sound" };
+    let sound = if search == "no-audio" { "hearing" } else { "sound in search and grounding" };
     format!("**Answer.** For {full}, {sound} {}; {most}.", clauses.join(" and "))
 }
 
@@ -243,6 +294,13 @@ fn orders(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
     contrasts
 }
 
+/// Returns both presets, or the only one if it is the full agent.
+fn presets(track: &TrackResults<'_>) -> Vec<&'static str> {
+    let mut presets = vec![track.full_agent(), "pag-nav"];
+    presets.dedup();
+    presets
+}
+
 /// Tests cases for both presets, each preset as a family; labels name the preset with fewer abilities.
 fn per_preset<T>(
     track: &TrackResults<'_>,
@@ -250,15 +308,13 @@ fn per_preset<T>(
     test: impl Fn(&RowResults<'_>, &T) -> Option<(String, Difference)>,
 ) -> Vec<Contrast> {
     let full = track.full_agent();
-    let mut presets = vec![full, "pag-nav"];
-    presets.dedup();
     let tested = |preset: &str| {
         family(cases, |order, case| {
             let (label, test) = test(&track.row(preset, order), case)?;
             Some((if preset == full { label } else { format!("{preset}: {label}") }, test))
         })
     };
-    presets.into_iter().flat_map(tested).collect()
+    presets(track).into_iter().flat_map(tested).collect()
 }
 
 fn modalities(track: &TrackResults<'_>) -> Vec<Contrast> {

@@ -20,9 +20,21 @@ const ENDS: [EndReason; 3] = [EndReason::Stopped, EndReason::FinalSubmit, EndRea
 const MAIN_TRACKS: [&str; 4] = ["main", "quick", "main-practice", "quick-practice"];
 const FLOOR: &str = "sound-follower";
 const TESTS: &str = "## Tests\n\nAll tests compare the same missions or the same houses. p-values are two-sided, by the sign-flip \
-    permutation test over houses, and corrected for the number of tests in a family by Holm's method; intervals are resampled by \
-    house and not corrected. With 11 houses the least p-value before the correction is 1/1024. A difference is significant if \
-    p < 0.05.\n";
+    permutation test over houses, and corrected for the number of tests in a family by Holm's method. The text above a table names \
+    the family: a difference in two tables has a p-value for each family. Intervals are resampled by house and not \
+    corrected. With 11 houses the least p-value before the correction is 1/1024. A difference is significant if p < 0.05.\n";
+
+/// Ablations of other parts than hearing: suffix and meaning.
+const ABLATIONS: [(&str, &str); 8] = [
+    ("no-object-memory", "objects out of view are forgotten, and a single look verifies"),
+    ("no-second-look", "a single look verifies"),
+    ("no-acoustic-memory", "only the present sound"),
+    ("no-map", "only the present view"),
+    ("no-priors", "neutral priors"),
+    ("no-gate", "claims at a plausible candidate without visual verification"),
+    ("classical", "depth and colours instead of the network"),
+    ("no-network", "depth and colours instead of the network"),
+];
 
 /// The results in a folder.
 pub struct SuiteReport {
@@ -122,11 +134,9 @@ impl ReportPage<'_> {
 
     /// Compares the ablations of both presets with the preset.
     fn ablations(&self) -> String {
-        let mut text = String::from(
-            "## Ablations of PAG-Nav\n\n*no-audio*: deaf. *no-search-sound*: outcomes by sound, but no sound in search and \
-             grounding. *no-outcomes*: the opposite. *no-object-memory*: objects out of view are forgotten, and a single look \
-             verifies. *no-second-look*: only the latter. *no-acoustic-memory*: only the present sound. *no-map*: only the present view. *no-priors*: neutral priors. \
-             *no-gate*: claims at a plausible candidate without visual verification. Others remove an extension of the paper.\n",
+        let mut text = format!(
+            "## Ablations of PAG-Nav\n\np-values are corrected over the rows of each preset in a table. {}\n",
+            self.legend()
         );
         let header = header_of(&[&labels()[..], &["ISR of the preset minus own"]].concat());
         for order in ORDERS {
@@ -136,6 +146,20 @@ impl ReportPage<'_> {
             }
         }
         text
+    }
+
+    /// Returns the meanings of the ablations with results.
+    fn legend(&self) -> String {
+        let ablations = || effects::SOUND_ABLATIONS.into_iter().chain(ABLATIONS);
+        let is_of = |name: &str, suffix: &str| name.ends_with(&format!("-{suffix}"));
+        let names: Vec<String> = self.track.variants().into_iter().map(AgentVariant::name).collect();
+        let legend = effects::legend(ablations(), |suffix| names.iter().any(|name| is_of(name, suffix)));
+        let is_other =
+            |name: &String| name.contains("-no-") && !ablations().any(|(suffix, _)| is_of(name, suffix));
+        match names.iter().any(is_other) {
+            true => format!("{legend} The other ablations remove an extension of the paper."),
+            false => legend,
+        }
     }
 
     fn ablations_of(&self, base: &str, order: Order, text: &mut String) {

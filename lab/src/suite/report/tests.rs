@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::suite::results::samples::{line, moved};
+use avln_pag_nav::{Preset, Weights};
 
 const EPISODES: u32 = 22;
 
@@ -103,17 +104,20 @@ fn every_question_has_a_test_a_chart_and_an_answer() {
         lines.find(|line| line.starts_with(&format!("**Answer.** {start}"))).expect("an answer").to_owned()
     };
     let first = answer("The best method without ground truth, pag-nav (learnt perception)");
-    assert!(first.contains("other types are significant"), "{first}");
+    assert!(first.ends_with("to the best training-free method are significant."), "{first}");
     let second =
         answer("For pag-nav, hearing significantly raises the ISR of ordered missions (+75.0 points");
-    assert!(second.contains("largest for image goals, ordered (+100.0 points"), "{second}");
+    assert!(
+        second.contains("the largest significant benefit is that for image goals, ordered (+100.0 points"),
+        "{second}"
+    );
     let third =
         answer("On the ISR, of pag-nav unless another agent is named, no factor has a significant effect");
     assert!(third.ends_with("without results: number of goals and memory."), "{third}");
     let hard = answer(
         "The sound-follower completes 0.0 % of the ordered and 0.0 % of the unordered missions (within",
     );
-    assert!(hard.ends_with("significant differences: none; not significant: none."), "{hard}");
+    assert!(hard.ends_with("; pag-nav-plus has no results to compare."), "{hard}");
 }
 
 #[test]
@@ -122,6 +126,7 @@ fn both_presets_have_effects_of_modality() {
     lines.extend(row_of("pag-nav-plus", |_| 1));
     let page = page(&lines).page;
     let table = part(&page, "### Effect of modality");
+    assert!(table.contains("corrected over the tests of each agent in this table.\n\n|"), "{table}");
     // The category goal is found and the image goal is not.
     assert!(table.contains("| image - category | ordered | 44 | -100.0 "), "{table}");
     assert!(table.contains("| pag-nav: image - category | ordered | 44 | +0.0 "), "{table}");
@@ -140,9 +145,10 @@ fn hard_track_compares_sr_and_isr() {
         assert!(table.contains(row), "{row} in {table}");
     }
     assert!(
-        page.contains("significant differences: ISR: pag-nav-plus - sound-follower, ordered and ISR:"),
+        page.contains("above: 2 significantly positive, 0 significantly negative, 2 not significant."),
         "{page}"
     );
+    assert!(table.contains("corrected over the 4 tests of this table.\n\n|"), "{table}");
 }
 
 #[test]
@@ -153,6 +159,43 @@ fn verdict_rows_are_compared_among_themselves() {
     assert!(row("| pag-nav - no-audio | ordered | 22 |").contains("| +75.0 ["), "{table}");
     let verdicts = row("| pag-nav - no-audio, verdicts sent to both | ordered | 22 |");
     assert!(verdicts.contains("| +0.0 [+0.0, +0.0], p = 1.0000 |"), "{verdicts}");
+    // SR, ISR and OSR in both orders.
+    assert_eq!(table.matches("corrected over the 6 tests of this table").count(), 2, "{table}");
+}
+
+#[test]
+fn both_presets_have_levels_and_differences_with_verdicts() {
+    let names = ["pag-nav-plus", "pag-nav-plus-no-audio"];
+    let more = names.iter().flat_map(|name| row_of(name, |_| 1)).map(|line| moved(line, "main", "verdict"));
+    let none = sample().into_iter().filter(|line| line.key.feedback == "none");
+    assert!(!page(&none.collect::<Vec<_>>()).page.contains("With verdicts"));
+    let page = page(&sample().into_iter().chain(more).collect::<Vec<_>>()).page;
+    for row in [
+        "With verdicts, the server sends the outcome of every Submit to both variants.\n",
+        "| pag-nav-no-audio | unordered | 22 | 100.0 [100.0, 100.0] | 100.0 [100.0, 100.0] |",
+        "| pag-nav-plus-no-audio | ordered | 22 | 0.0 [0.0, 0.0] | 50.0 [50.0, 50.0] |",
+        "| pag-nav-plus - no-audio, verdicts sent to both | ordered | 22 | +0.0",
+        "| pag-nav - no-audio, verdicts sent to both | unordered | 22 | +0.0",
+        "corrected over the 12 tests of this table",
+    ] {
+        assert!(page.contains(row), "{row} in {page}");
+    }
+}
+
+#[test]
+fn legends_explain_only_present_ablations() {
+    let mut lines = sample();
+    assert!(!page(&lines).page.contains("*no-search-sound*") && !page(&lines).page.contains("*no-map*"));
+    for name in ["pag-nav-plus", "pag-nav-plus-no-search-sound", "pag-nav-plus-no-stairs"] {
+        lines.extend(row_of(name, |_| 1));
+    }
+    let page = page(&lines).page;
+    let Weights { verify_floor, verify_unheard, .. } = Preset::PagNavPlus.weights();
+    let floors = format!("(in pag-nav-plus {verify_floor} instead of {verify_unheard})");
+    assert_eq!(page.matches(&floors).count(), 2, "{page}");
+    let legend = part(&page, "## Ablations of PAG-Nav");
+    assert!(legend.contains("*no-audio*") && !legend.contains("*no-map*"), "{legend}");
+    assert!(legend.contains("The other ablations remove an extension of the paper."), "{legend}");
 }
 
 #[test]

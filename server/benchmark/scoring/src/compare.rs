@@ -104,11 +104,8 @@ pub fn common_episodes(episodes: u32, sample: Option<(u32, u32)>) -> f64 {
 }
 
 /// Returns the smallest difference in SR that a paired comparison detects at the 95 % level with 80 % power; `None` if it is
-/// above a quarter, or for fewer than two common episodes. Episodes in the same scene count less.
+/// above a quarter, as for few episodes or no scene. Episodes in the same scene count less.
 pub fn smallest_difference(common_episodes: f64, scenes: u32) -> Option<f64> {
-    if common_episodes < 2.0 || scenes == 0 {
-        return None;
-    }
     let others_in_scene = (common_episodes / f64::from(scenes) - 1.0).max(0.0);
     let independent = common_episodes / (1.0 + SCENE_CORRELATION * others_in_scene);
     let difference = (SQUARED_QUANTILES * DISCORDANCE / (independent + SQUARED_QUANTILES)).sqrt();

@@ -1,6 +1,6 @@
-//! Mesh queries by parry: closest points, distances, upright bodies, and rays independent of `RayMesh`.
+//! Mesh queries by parry: distances, upright bodies, and rays independent of `RayMesh`.
 
-use crate::convert::{glam_from_point, glam_from_vector, point_from_glam};
+use crate::convert::{glam_from_point, glam_from_vector};
 use crate::{Point3, Vector3};
 use parry3d::math::Pose as ParryPose;
 use parry3d::query::{PointQuery, Ray, RayCast, ShapeCastOptions, cast_shapes, distance, intersection_test};
@@ -70,11 +70,6 @@ impl QueryMesh {
             + size_of_val(self.indices.as_slice())
     }
 
-    /// Returns the surface point nearest to `point`.
-    pub fn closest_point(&self, point: &Point3<f32>) -> Point3<f32> {
-        point_from_glam(self.mesh.project_local_point(glam_from_point(point), false).point)
-    }
-
     /// Returns the Euclidean distance from `point` to the surface, metres.
     pub fn distance_m(&self, point: &Point3<f32>) -> f32 {
         self.mesh.distance_to_local_point(glam_from_point(point), true)
@@ -140,7 +135,6 @@ mod tests {
         let mesh = corner();
         let eye = Point3::new(1.0, 2.5, 0.5);
         assert!((mesh.distance_m(&eye) - 1.0).abs() < 1e-6);
-        assert!((mesh.closest_point(&eye) - Point3::new(2.0, 2.5, 0.5)).norm() < 1e-6);
         assert_eq!(mesh.distance_m(&Point3::new(0.0, 0.0, 0.0)), 0.0);
     }
 

@@ -186,7 +186,7 @@ def _sides(size: int | tuple[int, int]) -> list[int]:
     sides = np.asarray(size)
     if sides.shape not in {(), (2,)}:
         raise ValueError(f"`size` is {size}; use a side, or width and height")
-    return np.broadcast_to(sides, 2).tolist()
+    return [int(side) for side in np.broadcast_to(sides, 2)]
 
 
 def _number(value: Any) -> Any:

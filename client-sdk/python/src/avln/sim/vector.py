@@ -198,7 +198,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def _mask(self, mask: ArrayLike) -> NDArray[np.bool_]:
         chosen = np.asarray(mask)
         if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_:
-            raise ValueError(f"`reset_mask` is {mask}; use {self.num_envs} booleans")
+            raise ValueError(f"`reset_mask` is {mask!r}; use {self.num_envs} booleans")
         return chosen
 
     def _keep(self, turn: int, before: NDArray[np.int64], envs: NDArray[np.int64]) -> None:
@@ -404,7 +404,7 @@ def _whole(name: str, values: ArrayLike) -> NDArray[np.int64]:
     """Returns integers; raises `ValueError` for other numbers, which NumPy would round."""
     numbers = np.asarray(values)
     if numbers.size and not np.issubdtype(numbers.dtype, np.integer):
-        raise ValueError(f"`{name}` is {values}; use whole numbers")
+        raise ValueError(f"`{name}` is {values!r}; use whole numbers")
     return numbers.astype(np.int64)
 
 

@@ -152,9 +152,10 @@ fn stands_to(facts: &Facts, own: &Object, thing: &Object, relation: Relation, re
     }
 }
 
+/// Returns the distance of two boxes: that of the centre of `b` to `a`, grown by half the size of `b`.
 fn distance_m(a: &Aabb, b: &Aabb) -> f32 {
-    let gaps = [0, 1, 2].map(|axis| (a.min[axis] - b.max[axis]).max(b.min[axis] - a.max[axis]).max(0.0));
-    gaps.iter().map(|gap| gap * gap).sum::<f32>().sqrt()
+    let half = b.size() * 0.5;
+    Aabb::new(a.min - half, a.max + half).distance_m(&b.center())
 }
 
 /// True if the centre of `b` is above or below the floor plan of `a`, with `slack_m` tolerance.

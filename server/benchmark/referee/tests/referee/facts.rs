@@ -9,7 +9,7 @@ use avln_episode::{
     DistractorSources, EndReason, ExtraSubmit, Feedback, FeedbackRule, GoalCue, Mission, Order, Point3, Pose,
     RgbImage, Rules, Sensors, StopClaims,
 };
-use avln_referee::{Audio, Head, Referee, RefereeError, episode_sources};
+use avln_referee::{Audio, Bank, Head, Referee, RefereeError, episode_sounds, episode_sources};
 use avln_truth::{DistractorSource, EpisodeTruth, StepFacts};
 
 /// Returns a blind and deaf episode.
@@ -189,6 +189,7 @@ fn extra_submit_only_uses_a_step() {
     assert_eq!((first.observation.remaining_submits, first.end), (1, None));
     assert_eq!(go(&mut referee, &[(Submit, 1)]).observation.remaining_submits, 0);
     go(&mut referee, &AHEAD);
+    assert_eq!((referee.completes(Submit), referee.completes(Stop)), (None, Some(0)));
     let extra = go(&mut referee, &[(Submit, 2)]);
     assert_eq!((extra.observation.step, extra.observation.remaining_submits, extra.end), (16, 0, None));
     assert_eq!((extra.observation.feedback, referee.is_open()), (Feedback::None, vec![true; 3]));
@@ -274,7 +275,37 @@ fn distractors_sound_in_turn_and_complete_nothing() {
     let (truth, facts) = referee.into_record();
     assert_eq!(truth.distractor_sources.len(), 1, "the rules' number");
     assert_eq!(episode_sources(&Rules::paper(), &truth).len(), 4);
+    let lifted = Rules { source_lift_m: 0.5, ..Rules::paper() };
+    let heights_m = [bounds(DISTRACTOR).center().y, episode_sources(&lifted, &truth)[3].y];
+    assert_eq!(heights_m[1], heights_m[0] + 0.5);
     assert!(facts.steps.iter().any(|step| step.sounding == Some(3)));
+}
+
+#[test]
+fn sounds_are_those_of_the_rules() {
+    let rules = |count: u32| Rules { distractor_sources: DistractorSources::Number(count), ..Rules::paper() };
+    let truth = distracted(2);
+    for count in [0, 1, 2] {
+        let sounds = episode_sounds(&rules(count), &truth, &Bank::default()).expect("enough clips");
+        let positions: Vec<_> = sounds.iter().map(|sound| sound.position).collect();
+        assert_eq!(positions, episode_sources(&rules(count), &truth)[..3 + count as usize]);
+    }
+}
+
+#[test]
+fn instances_are_stored_on_request() {
+    let eyes = Sensors { depth: false, audio: false, ..Sensors::all(64, 64) };
+    let mut seen = [false, true].map(|is_stored| {
+        let referee = episode(Order::Unordered, Rules::paper(), eyes.clone());
+        let mut referee = if is_stored { referee.with_instances() } else { referee };
+        go(&mut referee, &[(MoveForward, 1)]);
+        referee.instances().map(<[_]>::to_vec)
+    });
+    assert_eq!(seen[0], None);
+    let stored = seen[1].take().expect("instances");
+    assert_eq!(stored.len(), 64 * 64);
+    // The first target is straight ahead.
+    assert!(stored.iter().any(|instance| instance.0 == 1));
 }
 
 #[test]
@@ -300,4 +331,35 @@ fn remaining_submits_are_those_of_observations() {
             referee.remaining_submits()
         );
     }
+}
+
+#[test]
+fn ways_to_the_goals_are_known() {
+    let referee = play(start_at(0.0, -3.0, Order::Unordered), Rules::paper());
+    let is_near =
+        |found_m: Option<f64>, expected_m: f64| found_m.is_some_and(|m| (m - expected_m).abs() < 0.01);
+    // Each region is one place: (0, -3.75), (-3.75, 0) and (3.75, 0).
+    let aside_m = 3.75_f64.hypot(3.0);
+    for (goal, expected_m) in [0.75, aside_m, aside_m].into_iter().enumerate() {
+        assert!(is_near(referee.walk_m(goal), expected_m), "goal {goal}: {:?}", referee.walk_m(goal));
+        assert_eq!(referee.is_in_region(goal), goal == 0);
+        let center = ASSETS.navmesh.project(&Point3::origin()).expect("floor");
+        assert!(is_near(referee.walk_from_m(&center, goal), 3.75));
+    }
+    let way = referee.walk(2).expect("a way");
+    let ends = [way[0], way[way.len() - 1]].map(|corner| [corner.x, corner.z]);
+    for (end, expected) in ends.as_flattened().iter().zip([0.0, -3.0, 3.75, 0.0]) {
+        assert!((end - expected).abs() < 0.01, "{ends:?}");
+    }
+}
+
+#[test]
+fn found_goals_and_facts_are_visible_in_the_episode() {
+    let mut referee = quick(Order::Unordered);
+    assert_eq!((referee.is_found(), referee.facts().len()), (vec![false; 3], 0));
+    go(&mut referee, &AHEAD);
+    go(&mut referee, &[(Submit, 1)]);
+    assert_eq!(referee.is_found(), [true, false, false]);
+    assert_eq!(referee.facts().len() as u32, referee.steps());
+    assert_eq!(referee.facts().last().map(|fact| fact.action), Some(Submit));
 }

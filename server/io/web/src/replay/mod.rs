@@ -209,7 +209,7 @@ fn walk(view: &EpisodeView, moments: &[Moment], last: u32, step: u32) -> Plot {
 
 fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
     const PERCENT: f64 = 100.0;
-    let submits_max = replay.targets.len() as u32;
+    let submits_max = timeline::submit_limit(replay);
     let line = |kind: usize, left: fn(&Moment) -> u32, of: u32| Curve {
         kind,
         label: "",

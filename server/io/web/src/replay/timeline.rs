@@ -108,10 +108,16 @@ pub(crate) struct Moment {
     pub(crate) submits_left: u32,
 }
 
+/// Returns the Submits of an episode: one fewer than goals, because a Stop claims the last one.
+pub(crate) fn submit_limit(replay: &Replay) -> u32 {
+    (replay.targets.len() as u32).saturating_sub(1)
+}
+
 pub(crate) fn moments(replay: &Replay) -> Vec<Moment> {
     let storeys = Storeys::of(&replay.map, replay.path.first().map_or(0.0, |point| point[1]));
     let mut walked_m = 0.0;
     let mut before: Option<[f32; 3]> = None;
+    let mut submits_left = submit_limit(replay);
     let places = replay.path.iter().zip(&replay.headings_rad);
     let moment = |(step, (place, heading)): (u32, (&[f32; 3], &f32))| {
         walked_m += before.map_or(0.0, |before| distance_m(&before, place));
@@ -119,20 +125,21 @@ pub(crate) fn moments(replay: &Replay) -> Vec<Moment> {
         let index = step.checked_sub(1).map(|index| index as usize);
         let sounding = index.and_then(|index| *replay.sounding.get(index)?);
         let source = sounding.and_then(|goal| replay.targets.get(usize::from(goal)));
-        let submits = replay.submits.iter().filter(|submit| submit.step <= step).count() as u32;
+        let action = index.and_then(|index| replay.actions.get(index).cloned());
+        submits_left = submits_left.saturating_sub(u32::from(action.as_deref() == Some("Submit")));
         Moment {
             step,
             at: spot(place),
             storey: storeys.nearest(place[1]),
             heading_rad: *heading,
-            action: index.and_then(|index| replay.actions.get(index).cloned()),
+            action,
             collided: step > 0 && replay.collisions.contains(&step),
             sounding,
             bearing_rad: source.and_then(|target| bearing_rad(place, *heading, &target.source)),
             walked_m,
             distances_m: replay.targets.iter().map(|target| to_box_m(replay, place, target)).collect(),
             actions_left: replay.rules.max_steps.saturating_sub(step),
-            submits_left: (replay.targets.len() as u32).saturating_sub(submits),
+            submits_left,
         }
     };
     (0..).zip(places).map(moment).collect()
