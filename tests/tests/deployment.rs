@@ -8,11 +8,12 @@ mod containers {
         share_cache,
     };
     use std::{
-        fs,
+        collections::BTreeSet,
+        fs::{self, File},
         os::unix::{fs::symlink, process::CommandExt},
         path::{Path, PathBuf},
         process::{Child, Command},
-        time::{Duration, Instant},
+        time::{Duration, Instant, SystemTime},
     };
     use tempfile::TempDir;
     use yaml_rust2::YamlLoader;
@@ -66,13 +67,8 @@ mod containers {
     /// A service's command in the compose file.
     fn command_of(service: &str) -> Vec<String> {
         let documents = YamlLoader::load_from_str(&text("docker/compose.yaml")).expect("YAML");
-        let command = &documents[0]["services"][service]["command"];
-        command
-            .as_vec()
-            .expect("words")
-            .iter()
-            .map(|word| word.as_str().expect("a word").to_owned())
-            .collect()
+        let command = documents[0]["services"][service]["command"].as_vec().expect("words");
+        command.iter().map(|word| word.as_str().expect("a word").to_owned()).collect()
     }
 
     /// The agent image's entry point.
@@ -100,7 +96,7 @@ mod containers {
     }
 
     /// Backups in `folder`.
-    fn backups(folder: &Path) -> Vec<PathBuf> {
+    fn backups(folder: &Path) -> BTreeSet<PathBuf> {
         let files = fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
         files.filter(|file| file.extension().is_some_and(|end| end == "tar")).collect()
     }
@@ -127,27 +123,35 @@ mod containers {
         container.succeeds(container.command(&words("avln challenge team add Ada")));
         let folder = container.path("backups");
         fs::create_dir(&folder).expect("a folder");
-        let mut known = Vec::new();
-        for _ in 0..3 {
+        let start = |keep: &str| {
             let mut script = container.command(&command_of("challenge-backup"));
-            script.env("BACKUPS", &folder).env("KEEP", "2").process_group(0);
-            let script = script.spawn().expect("it starts");
-            wait("a backup is made", || backups(&folder).iter().any(|file| !known.contains(file)));
+            script.env("BACKUPS", &folder).env("KEEP", keep).process_group(0);
+            script.spawn().expect("it starts")
+        };
+        let yesterday = SystemTime::now() - Duration::from_secs(86_400);
+        let mut known = BTreeSet::new();
+        for _ in 0..3 {
+            for file in backups(&folder) {
+                File::open(file).and_then(|file| file.set_modified(yesterday)).expect("our file");
+            }
+            let script = start("2");
+            wait("a backup is made", || !backups(&folder).is_subset(&known));
             known.extend(backups(&folder));
-            known.sort();
-            known.dedup();
             wait("what is too old goes", || backups(&folder).len() <= 2);
             // File names have a resolution of a second.
             std::thread::sleep(Duration::from_secs(1));
             end(script);
         }
         assert_eq!(known.len(), 3, "{known:?}");
-        let mut kept = backups(&folder);
-        kept.sort();
-        assert_eq!(kept, known[1..]);
+        assert!(backups(&folder).iter().eq(known.iter().skip(1)), "{known:?}");
+        let script = start("1");
+        wait("the older backup goes", || backups(&folder).len() == 1);
+        end(script);
+        let newest = known.last().expect("a backup");
+        assert!(backups(&folder).contains(newest), "a restart on the same day adds none");
         let restored = container.path("restored");
         let mut restore = container.command(&words("avln data db restore"));
-        restore.arg(&kept[1]).env("AVLN_DATA", &restored);
+        restore.arg(newest).env("AVLN_DATA", &restored);
         assert!(container.succeeds(restore).contains("1 teams"));
     }
 }

@@ -139,6 +139,10 @@ const DEPLOYER: Journey = Journey {
             "avln --data restored",
         ),
         ("restore /backups/", "restore backups/"),
+        (
+            "docker compose exec challenge-backup avln data db backup /backups/",
+            "avln data db backup backups/",
+        ),
         ("avln_account_…", "$TOKEN"),
         ("AVLN_TOKEN=…", "AVLN_TOKEN=$ORGANISER"),
         ("python3 play.py --phase challenge", "avln agent random --phase challenge"),

@@ -150,9 +150,10 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
 /// Prints the public addresses, where they are known: behind a port mapping or a proxy, the local ones cannot be reached.
 fn print_addresses(open: &RunningServers, urls: PublicUrls) {
     let local = |address| format!("{}://{}", open.scheme(), reachable(address));
+    let admin = open.admin.filter(|_| urls.web.is_none());
     say!("agents       {}", urls.grpc.unwrap_or_else(|| local(open.grpc)));
     say!("leaderboard  {}", urls.web.unwrap_or_else(|| local(open.web)));
-    if let Some(admin) = open.admin {
+    if let Some(admin) = admin {
         say!("operator     http://{admin} (only on this machine, or in this container)");
     }
 }
