@@ -33,7 +33,7 @@ async fn steps_need_no_script() {
     assert_eq!([shown(&third, "step"), shown(&third, "action")], ["3", "MoveForward, collided"]);
     assert_eq!([shown(&third, "sounding"), shown(&third, "bearing")], ["goal 1", "104° to the right"]);
     assert_eq!([shown(&third, "walked"), shown(&third, "actions-left")], ["0.75", "997"]);
-    assert_eq!([shown(&third, "distance-0"), shown(&third, "submits-left")], ["0.50", "2"]);
+    assert_eq!([shown(&third, "distance-0"), shown(&third, "submits-left")], ["0.50", "1"]);
     assert!(third.contains("translate(0.5 1.25) rotate(0)"), "the body: {third}");
     assert!(third.contains("<g class=\"submit right later\""), "later Submits are faint");
     assert!(third.contains("<g class=\"source sounds\" data-source=\"goal 1\""), "{third}");
@@ -74,7 +74,7 @@ async fn plots_have_descriptions_and_a_cursor() {
         "{page}"
     );
     assert!(page.contains("Sounding goals: goal 1 in 6 steps, goal 2 in 0 steps."), "{page}");
-    let left = "At the end, 994 of 1000 actions (4.1 min of simulated time) and 0 of 2 Submits remained.";
+    let left = "At the end, 994 of 1000 actions (4.1 min of simulated time) and 0 of 1 Submit remained.";
     assert!(page.contains(left), "{page}");
     assert!(page.contains("Path length 1.00 m, reference tour 1.00 m."), "{page}");
 }
@@ -107,7 +107,7 @@ async fn step_tables_follow_the_visibility_of_replays() {
     assert!(
         lines[0].starts_with("step,action,x_m,y_m,z_m") && lines[0].ends_with("distance_1_m,distance_2_m")
     );
-    assert_eq!(lines[1], "0,,0.5,0,2,0,false,,,0,1000,2,0.5,0.5");
+    assert_eq!(lines[1], "0,,0.5,0,2,0,false,,,0,1000,1,0.5,0.5");
     assert!(lines[4].starts_with("3,MoveForward,0.5,0,1.25,0,true,1,-1.81"), "{}", lines[4]);
     for hidden in
         ["/api/v1/runs/run_sealed/episodes/0/steps.csv", "/api/v1/runs/run_begun/episodes/1/steps.csv"]
