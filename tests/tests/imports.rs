@@ -39,7 +39,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("pag-nav", &["client", "kit"]),
     ("docs", &[]),
     ("training", &["dataset", "episode", "geom", "houses", "referee", "truth", "world"]),
-    ("native", &["episode", "referee", "training", "world"]),
+    ("native", &["episode", "formats", "referee", "training", "world"]),
     (
         "arena",
         &[
@@ -202,6 +202,23 @@ fn every_crate_is_in_table_and_architecture_page() {
             "docs/ARCHITECTURE.md does not mention avln-{name}"
         );
     }
+}
+
+/// The decoders of compressed scenes take long to compile.
+#[test]
+fn programs_decode_compressed_scenes_other_crates_do_not() {
+    let metadata = metadata();
+    let packages = metadata["packages"].as_array().expect("cargo lists packages").iter();
+    let decodes = |package: &&Value| {
+        let mut dependencies = package["dependencies"].as_array().expect("a list").iter();
+        dependencies.any(|dependency| {
+            let features = dependency["features"].as_array().expect("a list");
+            dependency["name"] == "avln-formats" && features.contains(&"compressed".into())
+        })
+    };
+    let names: BTreeSet<_> =
+        packages.filter(decodes).filter_map(|package| package["name"].as_str()).collect();
+    assert_eq!(names, BTreeSet::from(["avln-cli", "avln-formats", "avln-native"]));
 }
 
 #[test]

@@ -43,6 +43,9 @@ pub enum TrainingError {
     /// Houses outside the training pool.
     #[error("{source_name} has houses of the pool '{pool}'; training needs houses of the pool 'train'")]
     Pool { source_name: String, pool: String },
+    /// Scene file without a confirmed purpose.
+    #[error("{source_name} may belong to a test split; confirm that it is for training with `training=True`")]
+    Unconfirmed { source_name: String },
     /// Sealed split.
     #[error("split {} is sealed; training needs an open split", .0.display())]
     Sealed(PathBuf),

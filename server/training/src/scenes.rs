@@ -270,11 +270,13 @@ fn check_pool(name: &str, source: &SceneSource, is_training: bool) -> Result<(),
     if source.is_for_training(is_training) {
         return Ok(());
     }
-    let pool = match source {
-        SceneSource::Procedural { pool, .. } => pool.name(),
-        SceneSource::File { .. } => "unknown: confirm the purpose of scene files with training=True",
-    };
-    Err(TrainingError::Pool { source_name: name.to_owned(), pool: pool.to_owned() })
+    let source_name = name.to_owned();
+    Err(match source {
+        SceneSource::Procedural { pool, .. } => {
+            TrainingError::Pool { source_name, pool: pool.name().to_owned() }
+        }
+        SceneSource::File { .. } => TrainingError::Unconfirmed { source_name },
+    })
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TrainingError> {

@@ -29,8 +29,7 @@ pub(crate) struct VectorOptions {
     episodes_per_scene: u64,
     rules: String,
     max_steps: Option<u32>,
-    width: u32,
-    height: u32,
+    size: [u32; 2],
     hfov_rad: f32,
     detail: String,
     rgb: bool,
@@ -113,7 +112,7 @@ impl VectorOptions {
     pub(crate) fn env(&self) -> PyResult<EnvOptions> {
         let rules = Rules::named(&self.rules).map_err(invalid)?;
         let max_steps = self.max_steps.unwrap_or(rules.max_steps);
-        let sensors = Sensors::all(self.width, self.height);
+        let sensors = Sensors::all(self.size[0], self.size[1]);
         Ok(EnvOptions {
             rules: Rules { max_steps, ..rules },
             sensors: Sensors {

@@ -23,9 +23,7 @@ fn only_training_recipes_are_accepted() {
 fn scans_need_a_confirmed_purpose() {
     let scan =
         |is_training| SourceOptions::new(SourceChoice::Scan { path: "scan.glb".into(), is_training }, 0);
-    assert!(
-        error(&scan(false)).contains("scan scan.glb has houses of the pool 'unknown: confirm the purpose")
-    );
+    assert!(error(&scan(false)).contains("scan scan.glb may belong to a test split; confirm"));
     assert!(EpisodeSource::open(&scan(true)).is_ok());
 }
 

@@ -153,15 +153,13 @@ def to_json(
     _check_names("privileged", groups, PRIVILEGED)
     if not all(map(math.isfinite, curriculum.distance_m)):
         raise ValueError(f"`distance_m` is {curriculum.distance_m}; use two distances from 0 to 1000")
-    width, height = _sides(size)
     options = {
         "num_envs": num_envs,
         "threads": _processors() if threads is None else threads,
         "source": _source(source),
         "seed": seed,
         **asdict(curriculum),
-        "width": width,
-        "height": height,
+        "size": _sides(size),
         "hfov_rad": 0.5 * math.pi,
         "reward": _reward(reward),
         "privileged": "targets" in groups,
