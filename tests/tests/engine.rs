@@ -6,7 +6,7 @@
 use avln_tests::machine::{self, excluded, root, skipped, text};
 use std::{
     fs,
-    net::TcpListener,
+    net::{Ipv4Addr, TcpListener},
     path::{Path, PathBuf},
     process::{Command, Output, Stdio},
     sync::{Mutex, PoisonError},
@@ -27,18 +27,17 @@ const PATIENCE: Duration = Duration::from_secs(180);
 /// Separates the tests, which share project and images.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// An attempt to leave the sealed network or the container, one line per attempt.
+/// Attempts to leave the sealed network or the container, one line per attempt. The argument is the first address of the network.
 const PROBE_SCRIPT: &str = r#"#!/bin/bash
 reach() {
     error=$(timeout 3 bash -c ": </dev/tcp/$1/$2" 2>&1) && echo "$3: open" && return
     case "$error" in *refused*) echo "$3: refused" ;; *) echo "$3: unreachable" ;; esac
 }
-own=$(hostname -i)
 reach sealed-server 50051 "gRPC server"
 reach sealed-server 8080 "web server"
 reach sealed-server 50052 "admin server"
-first="${own%.*}.1"
-if [ "$first" = "$own" ] || [ "$first" = "$(getent hosts sealed-server | cut -d' ' -f1)" ]; then
+first=$1
+if [ "$first" = "$(hostname -i)" ] || [ "$first" = "$(getent hosts sealed-server | cut -d' ' -f1)" ]; then
     echo "host: no address"
 else
     reach "$first" 22 "host"
@@ -51,6 +50,7 @@ unshare --user true 2>/dev/null && echo "namespaces: allowed" || echo "namespace
 mount -t tmpfs none /mnt 2>/dev/null && echo "mounts: allowed" || echo "mounts: refused"
 [ -e /data ] && ls /data 2>/dev/null | sed 's/^/data: /'
 grep -E '^Cap(Eff|Bnd)' /proc/self/status | tr -d '\t' | sed 's/00*$/0/'
+exit 7
 "#;
 
 /// Output of the attempts in a sealed container.
@@ -176,19 +176,29 @@ impl Engine {
         let _ = docker().args(["volume", "rm", "--force", DATA, BACKUPS]).output();
     }
 
-    /// Runs a sealed agent; returns whether it succeeded, and the output.
-    fn seal(&self, image: &str, command: &str, token: &str) -> (bool, String) {
+    /// Runs a sealed agent; returns exit code and output.
+    fn seal(&self, image: &str, command: &str, token: &str) -> (Option<i32>, String) {
         self.seal_with(image, command, token, "")
     }
 
     /// Runs a sealed agent with additional lines of the Compose file.
-    fn seal_with(&self, image: &str, command: &str, token: &str, lines: &str) -> (bool, String) {
+    fn seal_with(&self, image: &str, command: &str, token: &str, lines: &str) -> (Option<i32>, String) {
         let agent =
             format!("{{ image: '{image}', command: '{command}', environment: {{ AVLN_TOKEN: '{token}' }} }}");
         fs::write(self.path("agent.yaml"), format!("services: {{ sealed-agent: {agent} }}\n{lines}"))
             .expect("a file");
         let output = self.try_compose("sealed", &["up", "--no-color", "--exit-code-from", "sealed-agent"]);
-        (output.status.success(), said(&output))
+        (output.status.code(), said(&output))
+    }
+
+    /// Returns the first address of the sealed network.
+    fn sealed_address(&self) -> Ipv4Addr {
+        fs::write(self.path("agent.yaml"), "services: {}\n").expect("a file");
+        self.compose("sealed", &["create", "sealed-server"]);
+        let format = "{{(index .IPAM.Config 0).Subnet}}";
+        let subnet = self.docker(&["network", "inspect", "--format", format, &format!("{PROJECT}_sealed")]);
+        let network: Ipv4Addr = subnet.split('/').next().and_then(|at| at.parse().ok()).expect("a subnet");
+        (u32::from(network) + 1).into()
     }
 
     /// Returns whether the engine can isolate a network from the host.
@@ -288,10 +298,10 @@ fn prepare_challenge(engine: &Engine) -> String {
     token.unwrap_or_else(|| panic!("no token in {team}")).to_owned()
 }
 
-/// Gives the data volume to another user; the error contains the command that gives it back.
-fn check_foreign_volume(engine: &Engine) {
+/// Gives a volume to another user; the error of a command contains the command that gives it back.
+fn check_foreign_volume(engine: &Engine, volume: &str, command: &[&str], message: &str) {
     let own = |user: &str| {
-        let volume = format!("{DATA}:/data");
+        let volume = format!("{volume}:/data");
         engine.docker(&[
             "run",
             "--rm",
@@ -307,12 +317,9 @@ fn check_foreign_volume(engine: &Engine) {
         ])
     };
     own("0");
-    let command = ["run", "--rm", "--no-deps", "challenge-server", "avln", "challenge", "team", "add", "Bea"];
+    let command = [&["run", "--rm", "--no-deps"], command].concat();
     let refused = said(&engine.try_compose("challenge", &command));
-    assert!(
-        refused.contains("cannot write to data folder /data") && refused.contains("chown -R 10001 /data"),
-        "{refused}"
-    );
+    assert!(refused.contains(message) && refused.contains("chown -R 10001 /data"), "{refused}");
     own("10001");
 }
 
@@ -329,6 +336,9 @@ fn trial_survives_killed_server() {
         before,
         "a second up restarts nothing"
     );
+
+    let limits = engine.inspect("trial-pag-nav", "{{.HostConfig.Memory}} {{.HostConfig.LogConfig.Config}}");
+    assert_eq!(limits, format!("{} map[max-file:3 max-size:10m]", 2_u64 << 30));
 
     let runs = || engine.page("/api/v1/runs.csv");
     wait("an episode ends while both runs are open", || {
@@ -408,12 +418,15 @@ fn challenge_and_sealed_agent_play() {
     wait("a backup is written", || backups().contains(".tar"));
     engine.compose("challenge", &["down", "--volumes"]);
     assert!(backups().contains(".tar"), "backups survive `down --volumes`");
-    check_foreign_volume(&engine);
+    let add = ["challenge-server", "avln", "challenge", "team", "add", "Bea"];
+    check_foreign_volume(&engine, DATA, &add, "cannot write to data folder /data");
+    let back_up = ["challenge-backup", "avln", "data", "db", "backup", "/backups/new.tar"];
+    check_foreign_volume(&engine, BACKUPS, &back_up, "cannot write /backups/new.tar");
 
     engine.docker(&["build", "--tag", PROBE, &engine.path("probe").display().to_string()]);
     let refuses = |lines: &str| {
-        let (succeeded, refused) = engine.seal_with(PROBE, "/probe.sh", &token, lines);
-        assert!(!succeeded && refused.contains("requires Docker 28 or later"), "{refused}");
+        let (code, refused) = engine.seal_with(PROBE, "/probe.sh 192.0.2.1", &token, lines);
+        assert!(code != Some(0) && refused.contains("requires Docker 28 or later"), "{refused}");
         assert!(!refused.contains("gRPC server: open"), "no agent starts: {refused}");
     };
     refuses(NOT_ISOLATED);
@@ -422,12 +435,13 @@ fn challenge_and_sealed_agent_play() {
         refuses("");
         return;
     }
-    let (_, probed) = engine.seal(PROBE, "/probe.sh", &token);
+    let (code, probed) = engine.seal(PROBE, &format!("/probe.sh {}", engine.sealed_address()), &token);
+    assert_eq!(code, Some(7), "the exit code of the agent: {probed}");
     for line in CONFINED {
         assert!(probed.contains(line), "{line}: {probed}");
     }
     assert!(probed.contains("host: unreachable") || probed.contains("host: no address"), "{probed}");
     assert!(!probed.contains("data: "), "{probed}");
-    let (succeeded, played) = engine.seal("avln-agents:test", "avln agent random --phase challenge", &token);
-    assert!(succeeded && played.contains("4 of 4 episodes, complete"), "{played}");
+    let (code, played) = engine.seal("avln-agents:test", "avln agent random --phase challenge", &token);
+    assert!(code == Some(0) && played.contains("4 of 4 episodes, complete"), "{played}");
 }

@@ -28,6 +28,10 @@ pub struct DataFolder {
     root: PathBuf,
 }
 
+/// Next step for a volume of another owner.
+pub(crate) const OWNER_HINT: &str = "the volume of a container belongs to user 10001: \
+     docker run --rm --user 0 --volume VOLUME:/data avln-server chown -R 10001 /data";
+
 impl DataFolder {
     /// Name of the lock file.
     pub(crate) const LOCK: &str = "server.lock";
@@ -37,11 +41,9 @@ impl DataFolder {
     /// Opens the folder, or creates it. Removes other users' access to it; prints a warning where this is impossible.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
-            Failure::file("write to data folder", root, error)
-                .hinted(
-                    "choose another folder with --data FOLDER, or add write permission; the volume of a container \
-                     belongs to user 10001: docker run --rm --user 0 --volume VOLUME:/data avln-server chown -R 10001 /data",
-                )
+            Failure::file("write to data folder", root, error).hinted(format!(
+                "choose another folder with --data FOLDER, or add write permission; {OWNER_HINT}"
+            ))
         };
         let folders = [root.to_owned(), root.join("splits")];
         folders.iter().try_for_each(|folder| create_folder(folder)).map_err(failed)?;

@@ -3,7 +3,11 @@
 //! A backup contains database, run logs, signing key, number of server starts, splits, recordings and heads. It excludes the
 //! reproducible `cache/` and data outside the folder: data sets and scene files.
 
-use crate::{Failure, data::DataFolder, now_unix_ms, private_file, sync_folder};
+use crate::{
+    Failure,
+    data::{DataFolder, OWNER_HINT},
+    now_unix_ms, private_file, sync_folder,
+};
 use archive::Writer;
 pub use archive::{ArchivedFile, Manifest};
 use avln_store::{Inventory, copy_database, inspect_database};
@@ -47,7 +51,10 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
         return Err(taken(to));
     }
     let folder = parent(to);
-    let failed = |error: io::Error| Failure::file("write", to, error);
+    let failed = |error: io::Error| {
+        Failure::file("write", to, error)
+            .hinted(format!("choose another folder, or add write permission; {OWNER_HINT}"))
+    };
     let left_out = left_out(data);
     let work = work_folder(".avln-backup-", folder).map_err(failed)?;
     let copy = work.path().join(DATABASE);
