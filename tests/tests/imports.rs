@@ -230,6 +230,24 @@ fn check_detects_forbidden_import() {
 }
 
 #[test]
+fn published_crates_have_example_and_metadata() {
+    let metadata = metadata();
+    let packages = metadata["packages"].as_array().expect("cargo lists packages").iter();
+    let published: Vec<_> = packages.filter(|package| package["publish"].is_null()).collect();
+    assert_eq!(published.len(), 5, "the check sees the crates of participants");
+    for package in published {
+        for field in ["description", "readme", "repository", "license"] {
+            assert!(package[field].is_string(), "{}: {field}", package["name"]);
+        }
+        let lists = ["categories", "keywords"].map(|field| package[field].as_array().expect("a list").len());
+        assert!(!lists.contains(&0), "{}: {lists:?}", package["name"]);
+        let manifest = PathBuf::from(package["manifest_path"].as_str().expect("a path"));
+        let front = std::fs::read_to_string(manifest.with_file_name("src/lib.rs")).expect("a library");
+        assert!(front.contains("\n//! ```\n"), "{}: an example that runs", package["name"]);
+    }
+}
+
+#[test]
 fn servers_use_no_additions_for_training() {
     let additions = ["with_added_submits", "with_detail", "with_instances", "render_at"];
     let users = |folder: &str| {
