@@ -38,7 +38,10 @@
 //!   after the first, views of the network that two image borders cut off count a quarter. A_bear merges similar bearings; the limit is
 //!   200.
 //! - Frontiers that were visited, or are nearer than 0.4 m, are skipped. The current o* has a bonus in S_ground, `loyalty`. A candidate
-//!   that was viewed without success is set aside until its s_vis rises, one that was sought for too long until the rest was searched.
+//!   that was viewed without success, with a mean s_vis below the floor, is set aside until its s_vis rises; one that was sought for too
+//!   long, until the rest was searched or the last `hurry_steps` begin.
+//! - lambda_a has a value for each formula, `search_audio` and `ground_audio`. s_int is the intensity memory near the candidate, equal
+//!   for all goals. If a cue names a room, P_room is the probability of this room, otherwise that of the category in such a room.
 //! - Psi_room is a table of room types by detected objects, P_ctx the mean of the priors of rooms and objects. Bearings through
 //!   explored space without a candidate weigh as little as a fifth, and s_aud also weighs by level.
 //! - The gate measures the distance to the nearest point of the candidate's box, with an estimated source to the point nearest to it. V

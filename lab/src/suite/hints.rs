@@ -1,7 +1,7 @@
 //! Ground truth for privileged agents: the running episodes' states, as hints.
 
 use avln_episode::{Order, Pose, Rules};
-use avln_geom::{Aabb, Point3};
+use avln_geom::{Aabb, Point3, angle};
 use avln_kit::geometry::FloorPoint;
 use avln_kit::perception::{Hints, TargetHint};
 use avln_referee::Referee;
@@ -111,7 +111,7 @@ pub(super) fn claimable(order: Order, open: &[usize]) -> &[usize] {
 
 /// Returns the direction of a floor position `aim` from straight ahead, radians, -π to π, positive to the left.
 pub(super) fn bearing_rad(here: [f32; 2], heading_rad: f32, aim: [f32; 2]) -> f32 {
-    let bearing_rad = (here[0] - aim[0]).atan2(here[1] - aim[1]);
+    let bearing_rad = angle::atan2(here[0] - aim[0], here[1] - aim[1]);
     (bearing_rad - heading_rad + PI).rem_euclid(TAU) - PI
 }
 

@@ -9,7 +9,7 @@ use avln_client::{
     Action, Agent, Client, Mission, Observation, Play, Pose, RunOptions, RunSummary, Sensors, TaskSpec,
 };
 use avln_episode::{Order, Rules};
-use avln_geom::Point3;
+use avln_geom::{Point3, Vector2, angle};
 use avln_referee::Referee;
 use avln_store::{Phase, Reference, Run, RunState, Store, TokenHash, TokenScope};
 use avln_truth::{EpisodeTruth, Target};
@@ -26,7 +26,7 @@ const HALF_TURN_RAD: f32 = 15.0 * PI / 180.0;
 
 /// Returns the distance between two positions, metres.
 pub fn distance_m(a: FloorPoint, b: FloorPoint) -> f32 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    Vector2::from([a[0] - b[0], a[1] - b[1]]).norm()
 }
 
 /// A path follower for agents with a known start pose.
@@ -51,7 +51,7 @@ impl Walker {
 
     /// Converts an observed pose to a world position and heading.
     pub fn locate(&self, pose: &Pose) -> (FloorPoint, f32) {
-        let (sin, cos) = self.start_heading_rad.sin_cos();
+        let (sin, cos) = angle::sin_cos(self.start_heading_rad);
         let [x, _, z] = pose.position();
         let place = [self.start[0] + x * cos + z * sin, self.start[1] - x * sin + z * cos];
         (place, self.start_heading_rad + pose.heading_rad())
