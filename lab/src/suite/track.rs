@@ -13,7 +13,7 @@ const SAMPLE: usize = 200;
 /// Rows with all missions of the main track.
 const COMPLETE: [&str; 4] = ["random", "sound-follower", "pag-nav", "shortest-path"];
 /// Rows of the hard track.
-const HARD: [&str; 8] = [
+const HARD: [&str; 11] = [
     "random",
     "sound-follower",
     "pag-nav",
@@ -21,8 +21,14 @@ const HARD: [&str; 8] = [
     "pag-nav-plus-no-gate",
     "pag-nav-plus-no-object-memory",
     "pag-nav-plus-no-search-sound",
+    "pag-nav-plus-true-sight",
+    HARD_ONLY[0],
+    HARD_ONLY[1],
     "shortest-path",
 ];
+/// Rows of no other track.
+const HARD_ONLY: [&str; 2] =
+    ["pag-nav-plus-true-sight-no-object-memory", "pag-nav-plus-true-sight-no-search-sound"];
 /// Rows with feedback: agents with and without hearing.
 const FEEDBACK: [&str; 4] = ["pag-nav", "pag-nav-no-audio", "pag-nav-plus", "pag-nav-plus-no-audio"];
 
@@ -117,7 +123,9 @@ impl Track {
             match (self, feedback) {
                 (_, Some(_)) => FEEDBACK.contains(&name.as_str()),
                 (Self::Hard, None) => HARD.contains(&name.as_str()),
-                (Self::Main | Self::Quick, None) => *variant != AgentVariant::PagNavModels,
+                (Self::Main | Self::Quick, None) => {
+                    *variant != AgentVariant::PagNavModels && !HARD_ONLY.contains(&name.as_str())
+                }
             }
         };
         AgentVariant::value_variants().iter().copied().filter(is_row).collect()
@@ -236,6 +244,8 @@ mod tests {
         assert!(Track::Hard.rows(None).contains(&AgentVariant::SoundFollower));
         let rows = Track::Main.rows(None);
         let others = AgentVariant::value_variants().iter().filter(|variant| !rows.contains(variant));
-        assert!(others.eq([&AgentVariant::PagNavModels]));
+        let others: Vec<_> = others.map(|variant| variant.name()).collect();
+        assert_eq!(others, [&["pag-nav-models"][..], &HARD_ONLY].concat());
+        assert_eq!(Track::Hard.rows(None).len(), HARD.len());
     }
 }

@@ -77,6 +77,10 @@ pub enum AgentVariant {
     PagNavPlusTrueSounds,
     /// PAG-Nav+ with true visible targets; privileged.
     PagNavPlusTrueSight,
+    /// PAG-Nav+ with true visible targets, without a memory for objects out of view; privileged.
+    PagNavPlusTrueSightNoObjectMemory,
+    /// PAG-Nav+ with true visible targets and outcomes by sound, but no search by sound; privileged.
+    PagNavPlusTrueSightNoSearchSound,
 }
 
 /// Inputs for the agent of one episode.
@@ -114,7 +118,12 @@ impl AgentVariant {
 
     /// Returns `true` if the variant receives ground truth.
     pub fn is_privileged(self) -> bool {
-        matches!(self, Self::PagNavPlusTrueSounds | Self::PagNavPlusTrueSight | Self::ShortestPath)
+        self.has_true_sight() || matches!(self, Self::PagNavPlusTrueSounds | Self::ShortestPath)
+    }
+
+    /// Returns `true` if the variant receives the visible targets instead of recognising objects.
+    fn has_true_sight(self) -> bool {
+        self.name().starts_with("pag-nav-plus-true-sight")
     }
 
     /// Returns `true` for PAG-Nav's ablations and privileged variants.
@@ -127,6 +136,8 @@ impl AgentVariant {
         let name = self.name();
         if matches!(self, Self::PagNav | Self::PagNavPlus | Self::PagNavClassical | Self::PagNavModels) {
             None
+        } else if name.starts_with("pag-nav-plus-true-sight-") {
+            Some(Self::PagNavPlusTrueSight)
         } else if name.starts_with("pag-nav-plus-") {
             Some(Self::PagNavPlus)
         } else {
@@ -137,14 +148,14 @@ impl AgentVariant {
     /// Returns the type of the method.
     pub fn method_type(self) -> MethodType {
         match self {
+            _ if self.has_true_sight() => MethodType::TrainingFree,
             Self::Random
             | Self::ForwardAndTurn
             | Self::Frontier
             | Self::SoundFollower
             | Self::ShortestPath
             | Self::PagNavClassical
-            | Self::PagNavPlusNoNetwork
-            | Self::PagNavPlusTrueSight => MethodType::TrainingFree,
+            | Self::PagNavPlusNoNetwork => MethodType::TrainingFree,
             Self::PagNavModels => MethodType::FoundationModels,
             _ => MethodType::LearntPerception,
         }
@@ -208,7 +219,7 @@ impl AgentVariant {
         let whole = self.whole().unwrap_or(self);
         let preset = match whole {
             Self::PagNav | Self::PagNavClassical | Self::PagNavModels => Preset::PagNav,
-            Self::PagNavPlus => Preset::PagNavPlus,
+            Self::PagNavPlus | Self::PagNavPlusTrueSight => Preset::PagNavPlus,
             _ => return None,
         };
         let agent = match self.removed() {
@@ -222,7 +233,7 @@ impl AgentVariant {
         };
         Some(match self {
             Self::PagNavPlusTrueSounds => agent.hinted(hints.clone()),
-            Self::PagNavPlusTrueSight => agent.seeing(HintRecognition::new(hints.clone())),
+            _ if self.has_true_sight() => agent.seeing(HintRecognition::new(hints.clone())),
             _ => agent,
         })
     }
@@ -233,13 +244,13 @@ impl AgentVariant {
         let part = |ablation| Some(Removed::Part(ablation));
         match self {
             Self::PagNavNoAudio | Self::PagNavPlusNoAudio => part(Ablation { no_audio: true, ..none }),
-            Self::PagNavNoSearchSound | Self::PagNavPlusNoSearchSound => {
-                part(Ablation { no_search_sound: true, ..none })
-            }
+            Self::PagNavNoSearchSound
+            | Self::PagNavPlusNoSearchSound
+            | Self::PagNavPlusTrueSightNoSearchSound => part(Ablation { no_search_sound: true, ..none }),
             Self::PagNavPlusNoOutcomes => part(Ablation { no_outcomes: true, ..none }),
-            Self::PagNavNoObjectMemory | Self::PagNavPlusNoObjectMemory => {
-                part(Ablation { no_object_memory: true, ..none })
-            }
+            Self::PagNavNoObjectMemory
+            | Self::PagNavPlusNoObjectMemory
+            | Self::PagNavPlusTrueSightNoObjectMemory => part(Ablation { no_object_memory: true, ..none }),
             Self::PagNavPlusNoSecondLook => part(Ablation { no_second_look: true, ..none }),
             Self::PagNavPlusNoAcousticMemory => part(Ablation { no_acoustic_memory: true, ..none }),
             Self::PagNavPlusNoMap => part(Ablation { no_map: true, ..none }),
@@ -307,7 +318,8 @@ mod tests {
              pag-nav-no-object-memory pag-nav-no-search-sound detector snapshot frontier forward-and-turn \
              pag-nav-plus-no-network pag-nav-plus-no-positions pag-nav-plus-no-windows \
              pag-nav-plus-no-direct pag-nav-plus-no-association pag-nav-plus-no-stairs \
-             pag-nav-plus-true-sounds pag-nav-plus-true-sight";
+             pag-nav-plus-true-sounds pag-nav-plus-true-sight \
+             pag-nav-plus-true-sight-no-object-memory pag-nav-plus-true-sight-no-search-sound";
         assert_eq!(names.join(" "), published);
         let mut baselines: Vec<Baseline> =
             AgentVariant::value_variants().iter().filter_map(|variant| variant.baseline()).collect();

@@ -146,6 +146,10 @@ const BELOW: [&str; 4] = [
     "pag-nav-plus-no-search-sound",
 ];
 const FULL: &str = "pag-nav-plus";
+/// The agent whose recognition never fails, and its ablations: whether the track requires memory and hearing of a good recogniser.
+const SIGHTED: &str = "pag-nav-plus-true-sight";
+const BELOW_SIGHTED: [&str; 2] =
+    ["pag-nav-plus-true-sight-no-object-memory", "pag-nav-plus-true-sight-no-search-sound"];
 /// Largest intended SR of the sound-follower.
 const MOST_BY_SOUND: f64 = 0.05;
 
@@ -168,9 +172,11 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
             let _ = writeln!(section.text, "| {} |", cells.join(" | "));
         }
     }
-    let contrasts = hard_contrasts(track);
-    if !contrasts.is_empty() {
-        let _ = write!(section.text, "\n{}", contrast_table(&contrasts, "SR or ISR"));
+    let contrasts = hard_contrasts(track, FULL, &BELOW);
+    for contrasts in [&contrasts, &hard_contrasts(track, SIGHTED, &BELOW_SIGHTED)] {
+        if !contrasts.is_empty() {
+            let _ = write!(section.text, "\n{}", contrast_table(contrasts, "SR or ISR"));
+        }
     }
     let _ = write!(section.text, "\n{}\n", hard_answer(track, &contrasts));
     section
@@ -179,13 +185,13 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
 /// A number of an episode.
 type Number = fn(&ResultLine) -> f64;
 
-fn hard_contrasts(track: &TrackResults<'_>) -> Vec<Contrast> {
+fn hard_contrasts(track: &TrackResults<'_>, full: &str, below: &[&str]) -> Vec<Contrast> {
     // Complete missions are rare on this track: ISR, their found share, shows smaller differences.
     let numbers: [(&str, Number); 2] = [("SR", |line| line.metrics.sr), ("ISR", |line| line.metrics.isr)];
-    let cases: Vec<_> = BELOW.iter().flat_map(|below| numbers.map(|number| (*below, number))).collect();
+    let cases: Vec<_> = below.iter().flat_map(|below| numbers.map(|number| (*below, number))).collect();
     family(&cases, |order, (below, (name, number))| {
-        let test = track.row(FULL, order).minus(&track.row(below, order), |line| Some(number(line)))?;
-        Some((format!("{name}: {FULL} - {below}"), test))
+        let test = track.row(full, order).minus(&track.row(below, order), |line| Some(number(line)))?;
+        Some((format!("{name}: {full} - {below}"), test))
     })
 }
 
@@ -199,7 +205,7 @@ fn hard_answer(track: &TrackResults<'_>, contrasts: &[Contrast]) -> String {
     let differences = match contrasts.is_empty() {
         true => format!("{FULL} has no results to compare"),
         false => format!(
-            "differences of {FULL} in the table above: {above} significantly positive, {below} significantly negative, {unsure} \
+            "differences of {FULL} in the first table above: {above} significantly positive, {below} significantly negative, {unsure} \
              not significant"
         ),
     };

@@ -135,10 +135,14 @@ fn both_presets_have_effects_of_modality() {
 #[test]
 fn hard_track_compares_sr_and_isr() {
     let mut lines = sample();
-    lines.extend(row_of("pag-nav-plus", |_| 1).into_iter().map(|line| moved(line, "hard", "none")));
+    let sighted = "pag-nav-plus-true-sight";
+    let rows = [("pag-nav-plus", 1), (sighted, 2), ("pag-nav-plus-true-sight-no-search-sound", 1)];
+    let rows = rows.into_iter().flat_map(|(name, found)| row_of(name, move |_| found));
+    lines.extend(rows.map(|line| moved(line, "hard", "none")));
     let page = page(&lines).page;
     let table = part(&page, "### Hard track, unordered");
     for row in [
+        "| ISR: pag-nav-plus-true-sight - pag-nav-plus-true-sight-no-search-sound | ordered | 22 | +50.0",
         "| SR: pag-nav-plus - sound-follower | ordered | 22 | +0.0",
         "| ISR: pag-nav-plus - sound-follower | unordered | 22 | +50.0",
     ] {
