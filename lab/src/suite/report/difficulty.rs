@@ -172,11 +172,9 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
             let _ = writeln!(section.text, "| {} |", cells.join(" | "));
         }
     }
-    let contrasts = hard_contrasts(track, FULL, &BELOW);
-    for contrasts in [&contrasts, &hard_contrasts(track, SIGHTED, &BELOW_SIGHTED)] {
-        if !contrasts.is_empty() {
-            let _ = write!(section.text, "\n{}", contrast_table(contrasts, "SR or ISR"));
-        }
+    let contrasts = [hard_contrasts(track, FULL, &BELOW), hard_contrasts(track, SIGHTED, &BELOW_SIGHTED)];
+    for table in contrasts.iter().filter(|table| !table.is_empty()) {
+        let _ = write!(section.text, "\n{}", contrast_table(table, "SR or ISR"));
     }
     let _ = write!(section.text, "\n{}\n", hard_answer(track, &contrasts));
     section
@@ -195,23 +193,30 @@ fn hard_contrasts(track: &TrackResults<'_>, full: &str, below: &[&str]) -> Vec<C
     })
 }
 
-fn hard_answer(track: &TrackResults<'_>, contrasts: &[Contrast]) -> String {
+fn hard_answer(track: &TrackResults<'_>, [contrasts, sighted]: &[Vec<Contrast>; 2]) -> String {
     let by_sound = ORDERS.map(|order| track.row("sound-follower", order).sr());
     let is_low = by_sound.iter().flatten().all(|sr| sr.value <= MOST_BY_SOUND);
     let aim = if is_low { "within" } else { "above" };
-    let sure = || contrasts.iter().filter(|contrast| contrast.test.is_significant());
-    let above = sure().filter(|contrast| contrast.test.value > 0.0).count();
-    let (below, unsure) = (sure().count() - above, contrasts.len() - sure().count());
     let differences = match contrasts.is_empty() {
         true => format!("{FULL} has no results to compare"),
-        false => format!(
-            "differences of {FULL} in the first table above: {above} significantly positive, {below} significantly negative, {unsure} \
-             not significant"
-        ),
+        false => format!("differences of {FULL} in the table above: {}", verdicts_of(contrasts)),
+    };
+    let differences_by_sight = match sighted.is_empty() {
+        true => String::new(),
+        false => format!("; differences of {SIGHTED}: {}", verdicts_of(sighted)),
     };
     format!(
-        "**Answer.** The sound-follower completes {} ({aim} the aim of 5 %), the shortest path {}; {differences}.",
+        "**Answer.** The sound-follower completes {} ({aim} the aim of 5 %), the shortest path \
+         {}; {differences}{differences_by_sight}.",
         rates(track, "sound-follower"),
         rates(track, "shortest-path")
     )
+}
+
+/// Returns the numbers of significant and other differences.
+fn verdicts_of(contrasts: &[Contrast]) -> String {
+    let sure = || contrasts.iter().filter(|contrast| contrast.test.is_significant());
+    let above = sure().filter(|contrast| contrast.test.value > 0.0).count();
+    let (below, unsure) = (sure().count() - above, contrasts.len() - sure().count());
+    format!("{above} significantly positive, {below} significantly negative, {unsure} not significant")
 }

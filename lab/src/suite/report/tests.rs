@@ -149,7 +149,10 @@ fn hard_track_compares_sr_and_isr() {
         assert!(table.contains(row), "{row} in {table}");
     }
     assert!(
-        page.contains("above: 2 significantly positive, 0 significantly negative, 2 not significant."),
+        page.contains(
+            "above: 2 significantly positive, 0 significantly negative, 2 not significant; differences of pag-nav-plus-true-sight: 4 \
+             significantly positive, 0 significantly negative, 0 not significant."
+        ),
         "{page}"
     );
     assert!(table.contains("corrected over the 4 tests of this table.\n\n|"), "{table}");
