@@ -9,6 +9,7 @@ use std::{
     },
     time::{Duration, Instant},
 };
+use tokio::sync::MutexGuard;
 
 /// The system's clocks, or simulated ones. Clones share an adjustment of the wall clock, zero except in tests.
 #[derive(Clone, Debug)]
@@ -116,14 +117,21 @@ impl Heartbeat {
     }
 }
 
+/// The wall clock with deadlines that follow it. While it exists, no change of the clock moves deadlines: hold it during the statement
+/// that compares or stores one, because another call could otherwise move the deadline away from the time.
+pub(crate) struct SettledTime<'a>(MutexGuard<'a, ClockReading>);
+
+impl SettledTime<'_> {
+    /// Returns the wall clock, milliseconds since 1970-01-01 UTC.
+    pub(crate) fn unix_ms(&self) -> i64 {
+        self.0.now_unix_ms
+    }
+}
+
 impl Arena {
     /// Returns the wall clock, after deadlines of open runs have followed a change of it. Decisions about deadlines need this
     /// time: a run must neither expire nor gain time between a change and the next look for expired runs.
-    pub(crate) async fn settled_now(&self) -> Result<i64, Refusal> {
-        Ok(self.settled_reading().await?.now_unix_ms)
-    }
-
-    async fn settled_reading(&self) -> Result<ClockReading, Refusal> {
+    pub(crate) async fn settled_time(&self) -> Result<SettledTime<'_>, Refusal> {
         let mut last = self.heartbeat.last.lock().await;
         let reading = self.clock.read();
         let by_ms = reading.set_by_ms(&last);
@@ -133,25 +141,42 @@ impl Arena {
             tracing::warn!(by_ms, runs, "the system clock was set; deadlines of open runs moved with it");
         }
         *last = reading;
-        Ok(reading)
+        Ok(SettledTime(last))
     }
 
     /// Returns the runs past their deadline, and records that the server is alive.
     pub(crate) async fn overdue_runs(&self) -> Result<Vec<String>, Refusal> {
-        let ClockReading { now_unix_ms, age } = self.settled_reading().await?;
         // Before the heartbeat: after a failure here, the next call retries both.
         self.flush_pending_returns().await?;
-        if self.heartbeat.is_due(age) {
-            self.store.record_heartbeat(now_unix_ms).await.map_err(refusal)?;
-            *lock(&self.heartbeat.recorded) = Some(age);
+        let time = self.settled_time().await?;
+        if self.heartbeat.is_due(time.0.age) {
+            self.store.record_heartbeat(time.unix_ms()).await.map_err(refusal)?;
+            *lock(&self.heartbeat.recorded) = Some(time.0.age);
         }
-        self.store.overdue(now_unix_ms).await.map_err(refusal)
+        self.store.overdue(time.unix_ms()).await.map_err(refusal)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::DataFolder;
+
+    #[tokio::test]
+    async fn deadlines_stay_while_a_time_is_used() {
+        let folder = tempfile::tempdir().unwrap();
+        let data = DataFolder::open(folder.path()).unwrap();
+        let store = data.store().await.unwrap();
+        let arena = Arena::open(&data, store, 64).await.unwrap();
+        let time = arena.settled_time().await.unwrap();
+        arena.clock.set_by(-86_400_000);
+        let looked = tokio::time::timeout(Duration::from_millis(50), arena.overdue_runs()).await;
+        assert!(looked.is_err(), "a look for expired runs waits");
+        let before_ms = time.unix_ms();
+        drop(time);
+        assert_eq!(arena.overdue_runs().await.unwrap(), Vec::<String>::new());
+        assert!(arena.settled_time().await.unwrap().unix_ms() < before_ms - 80_000_000);
+    }
 
     #[test]
     fn set_clock_is_detected_and_drift_is_not() {

@@ -74,8 +74,9 @@ impl Arena {
             self.store.set_sensors(run, sensors).await.map_err(refusal)?;
         }
         let handle = format!("ep_{}", ids::random_hex().map_err(Refusal::internal)?);
-        let now_unix_ms = self.settled_now().await?;
-        let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms).await.map_err(refusal)?;
+        let time = self.settled_time().await?;
+        let assigned = self.store.assign_next_episode(run, &handle, time.unix_ms()).await.map_err(refusal)?;
+        drop(time);
         let Some(assigned) = assigned else { return Ok(None) };
         let handle = assigned.handle.clone();
         let begun = self.begin(&row, &phase, slot, assigned, sensors).await;

@@ -66,7 +66,9 @@ impl Host for Arena {
             client_request_id: Some(request.client_request_id.as_str()).filter(|id| !id.is_empty()),
             digests: &phase.digests(),
         };
-        let started = self.store.start_run(&new, self.settled_now().await?).await.map_err(refusal)?;
+        let time = self.settled_time().await?;
+        let started = self.store.start_run(&new, time.unix_ms()).await.map_err(refusal)?;
+        drop(time);
         self.prefetch(&started.run, &phase);
         Ok(RunTicket {
             run: started.run.id,
@@ -165,12 +167,14 @@ impl Host for Arena {
 
     async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal> {
         // A change of the clock a moment ago must not expire the run.
-        let now = self.settled_now().await?;
+        let time = self.settled_time().await?;
+        let now = time.unix_ms();
         let mut finished = self.store.finish_run(run, now).await.map_err(refusal)?;
         if abandons && finished.state.is_open() {
             let state = if finished.is_overdue(now) { RunState::Expired } else { RunState::Cancelled };
             finished = self.store.end_run(run, state, now).await.map_err(refusal)?;
         }
+        drop(time);
         self.sign_if_over(&finished).await;
         let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
         let missing = || Refusal::internal(format!("run {run} disappeared at its end"));
@@ -195,9 +199,10 @@ impl Arena {
     }
 
     pub(crate) async fn describe(&self, run: &str) -> Result<OpenRun, Refusal> {
-        // Before the run is read: the deadline follows a change of the clock.
-        let now_unix_ms = self.settled_now().await?;
+        let time = self.settled_time().await?;
         let run = self.store.run(run).await.map_err(refusal)?;
+        let is_overdue = run.is_overdue(time.unix_ms());
+        drop(time);
         let phase = self.phase(&run.phase).await?;
         let dataset = self.store.agent_digest(&run.phase, phase.split.digest()).await.map_err(refusal)?;
         let dataset =
@@ -209,7 +214,7 @@ impl Arena {
             deadline_unix_ms: run.deadline_unix_ms,
             over: match run.state {
                 state if !state.is_open() => Some(state),
-                _ if run.is_overdue(now_unix_ms) => Some(RunState::Expired),
+                _ if is_overdue => Some(RunState::Expired),
                 _ => None,
             },
             max_slots: phase.settings.max_slots,

@@ -213,8 +213,9 @@ impl Arena {
     /// Stops new runs and allows open episodes `patience` to end. The next server extends deadlines by the downtime.
     pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
         // Deadlines follow a change of the clock first: the downtime counts from this time.
-        let now_unix_ms = self.settled_now().await.map_err(Failure::internal)?;
-        self.store.record_drain(reason, now_unix_ms).await?;
+        let time = self.settled_time().await.map_err(Failure::internal)?;
+        self.store.record_drain(reason, time.unix_ms()).await?;
+        drop(time);
         self.control.drain(reason, patience);
         Ok(())
     }
