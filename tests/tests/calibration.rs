@@ -64,6 +64,7 @@ async fn a_server_that_hosts_the_phase_is_calibrated() {
 #[tokio::test(flavor = "multi_thread")]
 async fn another_phase_of_that_name_is_found_out() {
     let place = tempfile::tempdir().expect("a folder");
+    share_cache(place.path());
     let data = DataFolder::open(place.path()).expect("the folder");
     let store = data.store().await.expect("a database");
     let name = calibration::PHASE.to_owned();
