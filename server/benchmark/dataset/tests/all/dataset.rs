@@ -365,6 +365,7 @@ fn check_steps(houses: [usize; 3], missions: usize, tolerance: f64) {
 
 /// `AVLN_STEPS_SAMPLE=large` uses 69 houses, which takes a minute on two cores.
 #[test]
+#[expect(clippy::disallowed_methods, reason = "the size of a test is no argument")]
 fn steps_are_near_the_papers_mean() {
     if std::env::var("AVLN_STEPS_SAMPLE").is_ok_and(|sample| sample == "large") {
         check_steps([11, 18, 40], 50, 0.03);
