@@ -20,6 +20,8 @@ use std::{
     io::{self, Read, Seek, Write},
     path::{Path, PathBuf},
     sync::Arc,
+    thread,
+    time::Duration,
 };
 
 /// A server's data folder: `avln.db`, `epoch`, `splits/`, `sounds/`, `heads/`, `runs/`, and the reproducible `cache/`.
@@ -66,15 +68,24 @@ impl DataFolder {
         let failed = |error: io::Error| Failure::file("lock", &path, error);
         let opened = private_file().create(true).truncate(false).write(true).open(&path);
         let file = opened.map_err(failed)?;
-        match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(TryLockError::WouldBlock) => {
-                let message = format!("a server is already running on data folder {}", self.root.display());
-                Err(Failure::data(message).hinted(
-                    "stop that server, or choose another folder with --data FOLDER; sealed runs use it with --server ADDRESS",
-                ))
+        // A child of an ended server, such as a sealed agent that could not start, keeps the lock until it ends, milliseconds later.
+        let mut waits = 25;
+        loop {
+            match file.try_lock() {
+                Ok(()) => return Ok(file),
+                Err(TryLockError::WouldBlock) if waits > 0 => {
+                    waits -= 1;
+                    thread::sleep(Duration::from_millis(20));
+                }
+                Err(TryLockError::WouldBlock) => {
+                    let message =
+                        format!("a server is already running on data folder {}", self.root.display());
+                    return Err(Failure::data(message).hinted(
+                        "stop that server, or choose another folder with --data FOLDER; sealed runs use it with --server ADDRESS",
+                    ));
+                }
+                Err(TryLockError::Error(error)) => return Err(failed(error)),
             }
-            Err(TryLockError::Error(error)) => Err(failed(error)),
         }
     }
 
