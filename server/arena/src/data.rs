@@ -68,7 +68,7 @@ impl DataFolder {
         let failed = |error: io::Error| Failure::file("lock", &path, error);
         let opened = private_file().create(true).truncate(false).write(true).open(&path);
         let file = opened.map_err(failed)?;
-        // A child of an ended server, such as a sealed agent that could not start, keeps the lock until it ends, milliseconds later.
+        // A child of an ended server, such as a sealed agent that could not start, holds the lock for some milliseconds more.
         let mut waits = 25;
         loop {
             match file.try_lock() {

@@ -146,7 +146,7 @@ const BELOW: [&str; 4] = [
     "pag-nav-plus-no-search-sound",
 ];
 const FULL: &str = "pag-nav-plus";
-/// The agent whose recognition never fails, and its ablations: whether the track requires memory and hearing of a good recogniser.
+/// The agent with perfect recognition, and its ablations: they show whether the track requires memory and hearing.
 const SIGHTED: &str = "pag-nav-plus-true-sight";
 const BELOW_SIGHTED: [&str; 2] =
     ["pag-nav-plus-true-sight-no-object-memory", "pag-nav-plus-true-sight-no-search-sound"];
