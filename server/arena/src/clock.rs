@@ -117,8 +117,8 @@ impl Heartbeat {
     }
 }
 
-/// The wall clock with deadlines that follow it. While it exists, no change of the clock moves deadlines: hold it during the statement
-/// that compares or stores one, because another call could otherwise move the deadline away from the time.
+/// A reading of the wall clock that agrees with all stored deadlines. Hold it during the database statement that compares or stores a
+/// deadline: otherwise another call could move the deadlines after a change of the clock, and the reading would be out of date.
 pub(crate) struct SettledTime<'a>(MutexGuard<'a, ClockReading>);
 
 impl SettledTime<'_> {
