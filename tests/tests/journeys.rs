@@ -37,8 +37,8 @@ const PARTICIPANT: Journey = Journey {
     instead: &[
         // First, because entries below add options to `avln demo`.
         ("avln demo", "avln demo --houses 1 --missions 1"),
-        // Seed 3 draws a mission of which the agents end their episodes early.
-        ("cargo run --release -- demo --scene", "avln demo --missions 1 --seed 3 --scene"),
+        // Seed 8 draws a mission of which the agents end their episodes early.
+        ("cargo run --release -- demo --scene", "avln demo --missions 1 --seed 8 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 1"),
         // The demo in a scan has replaced the server.
         (
@@ -79,6 +79,7 @@ const ORGANISER: Journey = Journey {
     documents: &["docs/ORGANISING.md", "docs/OPERATING.md"],
     before: "mkdir scans && avln scene export --seed 7 scans/house.glb --semantics hm3d",
     instead: &[
+        ("--houses 4 --missions 4 --seed", "--houses 1 --missions 2 --seed"),
         ("--houses 4 --missions 4", "--houses 1 --missions 4"),
         ("scans/00800-TEEsavR23oF", "scans/house.glb"),
         ("https://arena.example:50051", "$AVLN_SERVER"),
@@ -127,6 +128,7 @@ const DEPLOYER: Journey = Journey {
         ("docker compose run --rm challenge-server ", ""),
         ("docker compose exec challenge-server ", ""),
         ("docker compose exec -e AVLN_TOKEN=avln_account_… challenge-server ", "AVLN_TOKEN=$ORGANISER "),
+        ("--houses 4 --missions 4 --seed", "--houses 1 --missions 2 --seed"),
         ("--houses 4 --missions 4", "--houses 1 --missions 4"),
         ("apply /challenge/", "apply docker/challenge/"),
         ("docker compose up --detach", "avln serve"),

@@ -290,22 +290,19 @@ impl Agent for DigestingAgent {
     }
 }
 
+/// Hashes the bytes in the machine's order: those of little-endian machines are published.
 fn observe(hasher: &mut blake3::Hasher, seen: &Observation) {
-    floats(hasher, seen.pose.position().into_iter().chain([seen.pose.heading_rad()]));
+    let [x, y, z] = seen.pose.position();
+    hasher.update(bytemuck::cast_slice(&[x, y, z, seen.pose.heading_rad()]));
     if let Some(image) = &seen.rgb {
         hasher.update(&image.pixels);
     }
     if let Some(depth) = &seen.depth {
-        floats(hasher, depth.metres.iter().copied());
+        hasher.update(bytemuck::cast_slice(&depth.metres));
     }
     if let Some(audio) = &seen.audio {
-        floats(hasher, audio.left.iter().chain(&audio.right).copied());
+        hasher.update(bytemuck::cast_slice(&audio.left)).update(bytemuck::cast_slice(&audio.right));
     }
-}
-
-fn floats(hasher: &mut blake3::Hasher, values: impl Iterator<Item = f32>) {
-    let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
-    hasher.update(&bytes);
 }
 
 #[cfg(test)]
