@@ -243,7 +243,9 @@ fn published_crates_have_example_and_metadata() {
         assert!(!lists.contains(&0), "{}: {lists:?}", package["name"]);
         let manifest = PathBuf::from(package["manifest_path"].as_str().expect("a path"));
         let front = std::fs::read_to_string(manifest.with_file_name("src/lib.rs")).expect("a library");
-        assert!(front.contains("\n//! ```\n"), "{}: an example that runs", package["name"]);
+        let opens = front.lines().filter(|line| line.starts_with("//! ```")).step_by(2);
+        assert!(opens.into_iter().any(|line| line == "//! ```"), "{}: an example that runs", package["name"]);
+        assert!(package["metadata"]["docs"]["rs"].is_object(), "{}: how docs.rs builds it", package["name"]);
     }
 }
 

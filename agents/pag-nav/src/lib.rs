@@ -44,6 +44,8 @@
 //!   for all goals. If a cue names a room, P_room is the probability of this room, otherwise that of the category in such a room.
 //! - Psi_room is a table of room types by detected objects, P_ctx the mean of the priors of rooms and objects. Bearings through
 //!   explored space without a candidate weigh as little as a fifth, and s_aud also weighs by level.
+//! - If a cue names a neighbour, only this neighbour counts in P_obj. Priors without evidence are 0.3, more than those of unlikely
+//!   pairs. Frontiers with fewer than four border cells in a block of ten by ten are dropped.
 //! - The gate measures the distance to the nearest point of the candidate's box, with an estimated source to the point nearest to it. V
 //!   also needs `verify_looks` near views at least 0.2 m apart; only candidates with S_ground of at least `plausible` are compared.
 //! - Without a verdict, a goal counts as completed after its Submit. A wrong verdict refutes the object.

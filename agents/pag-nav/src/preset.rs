@@ -42,7 +42,7 @@ impl Preset {
     }
 }
 
-/// Extensions of the paper, each on or off. None bypasses the Submit gate or its visual floor.
+/// Extensions of the paper, each on or off. None bypasses the Submit gate; the first lowers its visual floor at located sources.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Switches {
@@ -134,7 +134,8 @@ pub struct Ablation {
     pub no_search_sound: bool,
     /// Sound in search and grounding, but no outcomes by sound.
     pub no_outcomes: bool,
-    /// No object memory: objects out of view are forgotten, and one look verifies.
+    /// No object memory: objects out of view are forgotten, and one look verifies. Room types, and the goals seen at located sources,
+    /// are kept.
     pub no_object_memory: bool,
     /// One look verifies, as without object memory.
     pub no_second_look: bool,

@@ -73,6 +73,8 @@ pub enum AgentVariant {
     PagNavPlusNoAssociation,
     /// PAG-Nav+ without stairs.
     PagNavPlusNoStairs,
+    /// PAG-Nav+ whose visual floor is no lower at a located source.
+    PagNavPlusNoHeardFloor,
     /// PAG-Nav+ with true sound positions; privileged.
     PagNavPlusTrueSounds,
     /// PAG-Nav+ with true visible targets; privileged.
@@ -107,6 +109,8 @@ pub(super) struct EpisodeAgent {
 enum Removed {
     Part(Ablation),
     Switch(Switch),
+    /// The lower visual floor at a located source.
+    HeardFloor,
     Network,
 }
 
@@ -226,6 +230,10 @@ impl AgentVariant {
             None => PagNav::preset(preset),
             Some(Removed::Part(ablation)) => PagNav::preset(preset).without(ablation),
             Some(Removed::Network) => PagNav::preset(preset).seeing(ClassicalRecognition::default()),
+            Some(Removed::HeardFloor) => {
+                let weights = preset.weights();
+                PagNav::new(Weights { verify_floor: weights.verify_unheard, ..weights })
+            }
             Some(Removed::Switch(switch)) => {
                 let weights = preset.weights();
                 PagNav::new(Weights { switches: weights.switches.without(switch), ..weights })
@@ -262,6 +270,7 @@ impl AgentVariant {
             Self::PagNavPlusNoDirect => Some(Removed::Switch(Switch::DirectApproach)),
             Self::PagNavPlusNoAssociation => Some(Removed::Switch(Switch::JointAssociation)),
             Self::PagNavPlusNoStairs => Some(Removed::Switch(Switch::Stairs)),
+            Self::PagNavPlusNoHeardFloor => Some(Removed::HeardFloor),
             _ => None,
         }
     }
@@ -318,7 +327,7 @@ mod tests {
              pag-nav-no-object-memory pag-nav-no-search-sound detector snapshot frontier forward-and-turn \
              pag-nav-plus-no-network pag-nav-plus-no-positions pag-nav-plus-no-windows \
              pag-nav-plus-no-direct pag-nav-plus-no-association pag-nav-plus-no-stairs \
-             pag-nav-plus-true-sounds pag-nav-plus-true-sight \
+             pag-nav-plus-no-heard-floor pag-nav-plus-true-sounds pag-nav-plus-true-sight \
              pag-nav-plus-true-sight-no-object-memory pag-nav-plus-true-sight-no-search-sound";
         assert_eq!(names.join(" "), published);
         let mut baselines: Vec<Baseline> =

@@ -161,7 +161,8 @@ pub(super) fn hard_section(track: &TrackResults<'_>) -> PageSection {
     }
     section.text = "## Hard track\n\nThe missions of the main track with the rule set `lh-avln-hard-v1`: as many distractor sources \
          as goals, noisy sensors, and no verdict by sudden silence. The track is designed to require vision, hearing and \
-         memory: following sounds leads to distractor sources at least as often as to targets.\n"
+         memory: following sounds leads to distractor sources at least as often as to targets. The tests below show whether it \
+         does; [Recognition](perception.md#sensor-noise) explains them.\n"
         .to_owned();
     for order in ORDERS {
         let header = header_of(&labels_with_floor());

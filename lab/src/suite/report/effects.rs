@@ -345,7 +345,14 @@ fn factors_answer(full: &str, factors: &[Factor]) -> String {
         let sure = contrasts.iter().filter(|contrast| contrast.test.is_significant());
         let largest = sure.max_by(|a, b| a.test.value.abs().total_cmp(&b.test.value.abs()));
         match largest {
-            Some(largest) => found.push(format!("{name} (largest: {}, {})", largest.name(), largest.words())),
+            Some(largest) => {
+                let significant = contrasts.iter().filter(|contrast| contrast.test.is_significant()).count();
+                let (name_of, words) = (largest.name(), largest.words());
+                found.push(format!(
+                    "{name} ({significant} of {}; largest: {name_of}, {words})",
+                    contrasts.len()
+                ));
+            }
             None if contrasts.is_empty() => missing.push((*name).to_owned()),
             None => unsure.push((*name).to_owned()),
         }

@@ -26,9 +26,12 @@ const TESTS: &str = "## Tests\n\nAll tests compare the same missions or the same
 
 /// Ablations of other parts than hearing: suffix and meaning.
 const ABLATIONS: [(&str, &str); 8] = [
-    ("no-object-memory", "objects out of view are forgotten, and a single look verifies"),
+    (
+        "no-object-memory",
+        "objects out of view are forgotten, and a single look verifies; room types, and the goals seen at located sources, are kept",
+    ),
     ("no-second-look", "a single look verifies"),
-    ("no-acoustic-memory", "only the present sound"),
+    ("no-acoustic-memory", "only the present sound; in pag-nav-plus, of the present sounding window"),
     ("no-map", "only the present view"),
     ("no-priors", "neutral priors"),
     ("no-gate", "claims at a plausible candidate without visual verification"),
@@ -217,7 +220,8 @@ impl ReportPage<'_> {
         format!(
             "## Failures\n\nEpisodes by end reason, percent; and Submits per episode that completed no goal, by cause: at another \
              instance of a wanted category; near no wanted object; within 4 m of a wanted target but outside its region; \
-             at a later goal's target; at a found target.\n{rows}"
+             at a later goal's target; at a found target. Wrong Stops, also those with which PAG-Nav claims the last goal, have \
+             no column.\n{rows}"
         )
     }
 }

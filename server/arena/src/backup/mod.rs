@@ -158,7 +158,11 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
 /// Creates the data folder `to` from a backup, completely or not at all. An existing empty folder, such as a
 /// container volume, receives the database last.
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
-    let failed = |error: io::Error| Failure::file("restore to", to, error);
+    let failed = |error: io::Error| {
+        Failure::file("restore to", to, error).hinted(format!(
+            "choose another folder with --data FOLDER, or add write permission; {OWNER_HINT}"
+        ))
+    };
     if is_occupied(to).map_err(failed)? {
         let message =
             format!("{} is not empty; a backup is only restored into a new or empty folder", to.display());

@@ -180,6 +180,7 @@ impl World {
     }
 
     /// Returns the audio part instead of [`World::sense`], for steps without a used image.
+    #[tracing::instrument(level = "debug", skip_all)]
     pub fn hear(&mut self, sounding: Option<usize>) -> Option<Vec<f32>> {
         let pose = self.pose();
         let position = pose.position + Vector3::y() * self.options.ear_height_m;
@@ -195,6 +196,7 @@ impl World {
         Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m }
     }
 
+    #[tracing::instrument(level = "debug", name = "render", skip_all)]
     fn look(&self, view: CameraView) -> CameraImage {
         let mut image = self.assets.render_at(&self.camera(view), self.detail);
         self.options.noise.apply(&mut image, self.steps, self.options.depth_max_m);
