@@ -38,7 +38,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("baselines", &["client", "kit"]),
     ("pag-nav", &["client", "kit"]),
     ("docs", &[]),
-    ("training", &["dataset", "episode", "geom", "houses", "referee", "truth", "world"]),
+    ("training", &["dataset", "episode", "geom", "houses", "referee", "scoring", "truth", "world"]),
     ("native", &["episode", "formats", "referee", "training", "world"]),
     (
         "arena",
@@ -134,7 +134,6 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("acoustics", &["formats", "houses"]),
     ("world", &["houses"]),
     ("interchange", &["houses"]),
-    ("training", &["scoring"]),
     // Agents of the simulation, which send arbitrary frames.
     ("arena", &["proto"]),
     // Agents of the soak, which resume the run of a killed process; the Python module, built for its tests.

@@ -9,8 +9,8 @@ use crate::top_down::{self, MapFrame, Overview, StoreyMaps};
 use crate::{AutoReset, EnvOptions, EpisodeSource, RewardRule, Teacher, TrainingEpisode, TrainingError};
 use avln_episode::{Action, EndReason, Observation};
 use avln_referee::{Audio, Referee};
+use avln_scoring::distance_m;
 use avln_truth::{EpisodeTruth, Record};
-use avln_world::Point3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -365,8 +365,4 @@ impl Running {
             row.put(layout, "top_down", maps.map(referee.world().assets(), storey));
         }
     }
-}
-
-fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
-    (b.cast::<f64>() - a.cast::<f64>()).norm()
 }

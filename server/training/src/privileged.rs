@@ -4,6 +4,7 @@ use crate::explorer::{Explorer, bearing_rad};
 use crate::layout::{Layout, MAX_GOALS, Row};
 use avln_episode::{Action, Order, Sensors};
 use avln_referee::Referee;
+use avln_scoring::efficiency;
 use avln_truth::{EpisodeTruth, StepFacts, Target};
 use avln_world::{CameraView, InstanceId, Point3, Pose, mpcat40_number};
 
@@ -97,9 +98,8 @@ pub(crate) fn put(
     row.put(layout, "expert", &[i64::from(expert.index())]);
     row.put(layout, "expert_submit", &[u8::from(right_claim(referee).is_some())]);
     let success = if referee.is_found().iter().all(|found| *found) { 1.0 } else { 0.0 };
-    let share = truth.reference_m / truth.reference_m.max(path_m).max(1e-9);
-    row.put(layout, "success", &[success]);
-    row.put(layout, "spl", &[success * share as f32]);
+    row.put(layout, "success", &[success as f32]);
+    row.put(layout, "spl", &[(success * efficiency(truth.reference_m, path_m)) as f32]);
 }
 
 /// Writes the images with instance and category numbers.

@@ -1,4 +1,4 @@
-"""Proximal policy optimisation in a single file, after the formulas of Schulman et al. (2017).
+"""Proximal policy optimisation, after the formulas of Schulman et al. (2017), with the network of network.py.
 
     python examples/training/ppo.py --minutes 30 --seed 1 --out ppo.pt
 

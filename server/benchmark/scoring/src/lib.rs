@@ -17,4 +17,6 @@ pub use metrics::{
     Direction, EpisodeValue, Key, METRICS, Metric, Prominence, SummaryValue, Unit, UnknownKey,
 };
 pub use rank::{Entry, RankedEntry, Standing, best_first, rank};
-pub use score::{EpisodeScore, Estimate, FEW_SCENES, Metrics, Summary, score, summarise};
+pub use score::{
+    EpisodeScore, Estimate, FEW_SCENES, Metrics, Summary, distance_m, efficiency, score, summarise,
+};

@@ -160,7 +160,8 @@ fn path_length_m(record: &Record) -> f64 {
     length_m
 }
 
-fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
+/// Returns the length of the straight line from `a` to `b`, metres.
+pub fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
     let squared = |axis: usize| {
         let difference = f64::from(b[axis]) - f64::from(a[axis]);
         difference * difference
@@ -169,7 +170,7 @@ fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
 }
 
 /// Returns `least / max(least, spent)` in [0, 1]: 1 if both are 0, 0 if `least` is not a finite length.
-fn efficiency(least: f64, spent: f64) -> f64 {
+pub fn efficiency(least: f64, spent: f64) -> f64 {
     if !least.is_finite() || least < 0.0 {
         return 0.0;
     }

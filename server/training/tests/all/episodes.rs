@@ -26,7 +26,7 @@ fn teacher_completes_missions_on_shortest_paths() {
         let spl_so_far = row.floats(&layout, "spl")[0];
         let (truth, record) = env.take_record().expect("an episode");
         let metrics = score(&truth, &record, &Rules::paper());
-        assert!((metrics.spl - f64::from(spl_so_far)).abs() < 1e-5, "{spl_so_far} {metrics:?}");
+        assert_eq!(metrics.spl as f32, spl_so_far, "{metrics:?}");
         assert_eq!(flags.terminated, metrics.sr == 1.0, "{metrics:?}");
         assert!(metrics.sr < 1.0 || rewards > 15.0, "{rewards}");
         complete += usize::from(metrics.sr == 1.0);
