@@ -73,7 +73,7 @@ pub enum AgentVariant {
     PagNavPlusNoAssociation,
     /// PAG-Nav+ without stairs.
     PagNavPlusNoStairs,
-    /// PAG-Nav+ whose visual floor is no lower at a located source.
+    /// PAG-Nav+ without a lower visual floor at located sources.
     PagNavPlusNoHeardFloor,
     /// PAG-Nav+ with true sound positions; privileged.
     PagNavPlusTrueSounds,
