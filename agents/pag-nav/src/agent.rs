@@ -10,8 +10,8 @@ use crate::trace::{Recorder, TraceError};
 use crate::verify::Warrant;
 use crate::weights::Weights;
 use avln_client::{
-    Action, Agent, DepthImage, FeedbackRule, MethodType, Mission, Observation, Order, SilenceRule,
-    SoundingRule, TaskSpec, WrongSubmit,
+    Action, Agent, DepthImage, MethodType, Mission, Observation, Order, SilenceRule, SoundingRule, TaskSpec,
+    WrongSubmit,
 };
 use avln_kit::LOOK_M;
 use avln_kit::explorer::MotionController;
@@ -62,8 +62,6 @@ pub struct PagNav {
     pub(crate) levels: Vec<f32>,
     /// Steps of search on this storey since the last completed goal.
     pub(crate) searched_steps: u32,
-    /// True if the phase returns the verdict of a Submit.
-    pub(crate) has_verdicts: bool,
     pub(crate) wrong_submit: WrongSubmit,
     /// Silence of found targets.
     pub(crate) silence: SilenceRule,
@@ -128,7 +126,6 @@ impl PagNav {
             outcome: None,
             levels: Vec::new(),
             searched_steps: 0,
-            has_verdicts: false,
             wrong_submit: task.wrong_submit,
             silence: task.silence,
             falls_silent: true,
@@ -344,7 +341,6 @@ impl Agent for PagNav {
             schedule: SoundSchedule::new(sources, task.sounding_window_steps),
             window_steps: task.sounding_window_steps,
             pairing: GoalPairing::new(sources, goals),
-            has_verdicts: task.feedback == FeedbackRule::Verdict,
             wrong_submit: task.wrong_submit,
             silence: task.silence,
             falls_silent: task.sounding == SoundingRule::UnfinishedInDrawnOrder,

@@ -57,7 +57,7 @@
 //! open gate creates a `Warrant`, or the ablation `no_gate`. Patience and hurry lower the number of looks, never the floor. Without a
 //! located source at the candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself.
 //!
-//! With `silence_outcomes`, if found targets fall silent and Submits receive no verdict, an open gate also waits for sound:
+//! With `silence_outcomes`, if found targets fall silent, an open gate also waits for sound:
 //! - A located source that supports the candidate suffices, at the start of its turn only after three steps. Otherwise the current
 //!   source must be within `look_range_m` by its mean level over three steps, possibly at the candidate, with two more steps of sound.
 //! - Meanwhile the agent turns to and fro. It sets the candidate aside if every open source is faint there or certainly elsewhere, or

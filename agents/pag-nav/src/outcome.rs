@@ -20,7 +20,7 @@ const SLACK_STEPS: u32 = 5;
 impl PagNav {
     /// Returns true if a target should sound at its Submit.
     fn needs_sound(&self) -> bool {
-        self.weights.switches.silence_outcomes && self.falls_silent && !self.has_verdicts
+        self.weights.switches.silence_outcomes && self.falls_silent
     }
 
     /// Returns true if the agent waits for a found target's silence after a Submit. At the end of a turn, every source falls silent:
@@ -191,15 +191,19 @@ impl PagNav {
 mod tests {
     use super::*;
     use crate::preset::Preset;
-    use avln_client::{Agent, GoalCue, Mission, TaskSpec};
+    use avln_client::{Agent, FeedbackRule, GoalCue, Mission, TaskSpec};
     use avln_kit::map::{SourceEstimate, expected_level};
     use avln_kit::perception::DetectedObject;
 
     /// An agent at an object of goal 0, in a mission with two goals, without sounds.
     fn agent() -> (PagNav, Pose2d) {
+        agent_under(FeedbackRule::None)
+    }
+
+    fn agent_under(feedback: FeedbackRule) -> (PagNav, Pose2d) {
         let mut agent = PagNav::preset(Preset::PagNavPlus);
         let goals = vec![GoalCue::Category("bed".to_owned()); 2];
-        agent.begin(&TaskSpec::default(), &Mission { goals, ..Mission::default() });
+        agent.begin(&TaskSpec { feedback, ..TaskSpec::default() }, &Mission { goals, ..Mission::default() });
         let here = Pose2d::default();
         agent.here.objects.recognise(&here, vec![bed()], fit);
         agent.remaining_steps = 800;
@@ -239,6 +243,12 @@ mod tests {
         assert_eq!(readiness(&agent, &here), Readiness::Wait);
         hear(&mut agent, 1, FloorPoint::new(0.0, -1.0), 1.0);
         assert_eq!(readiness(&agent, &here), Readiness::Now);
+    }
+
+    #[test]
+    fn claims_with_verdicts_wait_for_sound() {
+        let (agent, here) = agent_under(FeedbackRule::Verdict);
+        assert_eq!(readiness(&agent, &here), Readiness::Wait);
     }
 
     #[test]

@@ -76,8 +76,7 @@ fn verdicts(track: &TrackResults<'_>) -> String {
         return String::new();
     }
     let mut text = String::from(
-        "\nWith verdicts, the server sends the outcome of every Submit to both variants. pag-nav-plus then does not wait for the \
-         target's sound before a Submit: [Recognition](perception.md#visual-gate) compares the levels.\n\n\
+        "\nWith verdicts, the server sends the outcome of every Submit to both variants.\n\n\
          | agent, with verdicts | order | n | SR | ISR |\n|---|---|---|---|---|\n",
     );
     for order in ORDERS {

@@ -178,7 +178,7 @@ fn both_presets_have_levels_and_differences_with_verdicts() {
     assert!(!page(&none.collect::<Vec<_>>()).page.contains("With verdicts"));
     let page = page(&sample().into_iter().chain(more).collect::<Vec<_>>()).page;
     for row in [
-        "With verdicts, the server sends the outcome of every Submit to both variants. pag-nav-plus then does not wait",
+        "With verdicts, the server sends the outcome of every Submit to both variants.\n",
         "| pag-nav-no-audio | unordered | 22 | 100.0 [100.0, 100.0] | 100.0 [100.0, 100.0] |",
         "| pag-nav-plus-no-audio | ordered | 22 | 0.0 [0.0, 0.0] | 50.0 [50.0, 50.0] |",
         "| pag-nav-plus - no-audio, verdicts sent to both | ordered | 22 | +0.0",
