@@ -32,7 +32,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("web", &["net", "challenge", "episode", "scoring", "store"]),
     ("client", &["proto"]),
     ("conformance", &["proto"]),
-    ("kit", &["client", "perception"]),
+    ("kit", &["client", "perception", "simd"]),
     ("perception", &["simd"]),
     ("human", &["client", "kit"]),
     ("baselines", &["client", "kit"]),

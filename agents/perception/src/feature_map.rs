@@ -114,34 +114,21 @@ struct Convolution<'a, T> {
     least: f32,
 }
 
-/// Pixels and panels per iteration: their sums fill the registers.
-const TILE: usize = 4;
-const PANELS: usize = 3;
-
-/// Sums by pixel for a panel's outputs.
-type Sums<const PIXELS: usize> = [[f32; PANEL]; PIXELS];
+/// Pixels per iteration: with AVX2 their sums, a panel's weights and a product fill the sixteen registers.
+const TILE: usize = 6;
 
 impl<T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Work for Convolution<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(mut self) {
-        let panels = self.map.channels.div_ceil(PANEL);
-        // Three panels at once read every value once for 24 outputs; the remaining panels follow singly.
-        let whole = panels - panels % PANELS;
-        for panel in (0..whole).step_by(PANELS) {
-            let weights = [0, 1, 2].map(|next| self.weights(panel + next));
-            self.rows(panel, weights);
-        }
-        for panel in whole..panels {
-            let weights = [self.weights(panel)];
-            self.rows(panel, weights);
+        for panel in 0..self.map.channels.div_ceil(PANEL) {
+            self.rows(panel);
         }
     }
 }
 
 /// A panel's weights by tap and input, and the bias.
-#[derive(Clone, Copy)]
 struct PanelWeights<'a> {
     taps: &'a [[f32; PANEL]],
     length: usize,
@@ -159,109 +146,63 @@ impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Convolution<'a, T> {
         PanelWeights { taps: &self.layer.panels[panel * count..][..count], length: self.length, bias }
     }
 
-    /// Fills all rows from `panel` on: full tiles, and the rest of a row pixel by pixel.
+    /// Fills a panel's channels in all rows, tile by tile.
     #[inline(always)]
-    fn rows<const COUNT: usize>(&mut self, panel: usize, weights: [PanelWeights<'a>; COUNT])
-    where
-        [PanelWeights<'a>; COUNT]: Kernel<COUNT>,
-    {
+    fn rows(&mut self, panel: usize) {
+        let weights = self.weights(panel);
         for row in 0..self.map.height {
-            // The order of summation is fixed, whatever the vector width: calibration compares bits
-            // (docs/decisions/0019).
-            let (taps, width) = ((self.taps)(row), self.map.width);
-            let mut column = 0;
-            while column < width {
-                let at = taps.map(|tap| tap + column * self.step);
-                if column + TILE <= width {
-                    self.keep(row, column, panel, &weights.sums::<TILE>(self.from, &at, self.step));
-                    column += TILE;
-                } else {
-                    self.keep(row, column, panel, &weights.sums::<1>(self.from, &at, self.step));
-                    column += 1;
-                }
+            let taps = (self.taps)(row);
+            for column in (0..self.map.width).step_by(TILE) {
+                // The last tile repeats the last pixel.
+                let pixel = |next: usize| (column + next).min(self.map.width - 1) * self.step;
+                let pixels = [pixel(0), pixel(1), pixel(2), pixel(3), pixel(4), pixel(5)];
+                self.keep(row, column, panel, &weights.sums(self.from, &taps, pixels));
             }
         }
     }
 
+    /// Stores a tile's sums, as far as pixels and outputs exist.
     #[inline(always)]
-    fn keep<const PIXELS: usize>(&mut self, row: usize, column: usize, panel: usize, sums: &[Sums<PIXELS>]) {
+    fn keep(&mut self, row: usize, column: usize, panel: usize, sums: &[[f32; PANEL]; TILE]) {
         let (channels, least) = (self.map.channels, self.least);
         let to = &mut self.map.row_mut(row)[column * channels..];
-        for (first, sums) in (panel * PANEL..).step_by(PANEL).zip(sums) {
-            let kept = PANEL.min(channels - first);
-            for (to, sums) in to.chunks_exact_mut(channels).zip(sums) {
-                to[first..first + kept].iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
-            }
+        for (to, sums) in to.chunks_exact_mut(channels).zip(sums) {
+            to[panel * PANEL..].iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
         }
     }
 }
 
-/// Weights of `COUNT` panels. A method instead of a closure, which the compiler might call instead of inline.
-trait Kernel<const COUNT: usize> {
-    /// Sums values times weights over the stretches at `taps`, for pixels that are `step` apart.
-    fn sums<const PIXELS: usize>(self, from: &[f32], taps: &[usize], step: usize) -> [Sums<PIXELS>; COUNT];
-}
-
-impl Kernel<1> for [PanelWeights<'_>; 1] {
+impl PanelWeights<'_> {
+    /// Sums values times weights over the stretches at `taps`, for the pixels at these offsets.
     #[inline(always)]
-    fn sums<const PIXELS: usize>(self, from: &[f32], taps: &[usize], step: usize) -> [Sums<PIXELS>; 1] {
-        let [weights] = self;
-        let mut sums = [weights.bias; PIXELS];
-        for (start, weights) in taps.iter().zip(weights.taps.chunks_exact(weights.length)) {
-            let values = stretches::<PIXELS>(from, *start, step, weights.len());
-            for (index, weights) in weights.iter().enumerate() {
-                add(&mut sums, &values, index, weights);
+    fn sums(&self, from: &[f32], taps: &[usize], pixels: [usize; TILE]) -> [[f32; PANEL]; TILE] {
+        // Variables instead of an array, and zipped slices: the compiler keeps the sums in registers and checks no bounds
+        // in the loop. The order of summation is fixed, whatever the vector width: calibration compares bits
+        // (docs/decisions/0019).
+        let [mut a, mut b, mut c, mut d, mut e, mut f] = [self.bias; TILE];
+        for (tap, weights) in taps.iter().zip(self.taps.chunks_exact(self.length)) {
+            let stretch = |pixel: usize| &from[tap + pixels[pixel]..][..weights.len()];
+            let (at_a, at_b, at_c) = (stretch(0), stretch(1), stretch(2));
+            let (at_d, at_e, at_f) = (stretch(3), stretch(4), stretch(5));
+            let left = weights.iter().zip(at_a).zip(at_b).zip(at_c);
+            for ((((weights, at_a), at_b), at_c), ((at_d, at_e), at_f)) in
+                left.zip(at_d.iter().zip(at_e).zip(at_f))
+            {
+                add(&mut a, *at_a, weights);
+                add(&mut b, *at_b, weights);
+                add(&mut c, *at_c, weights);
+                add(&mut d, *at_d, weights);
+                add(&mut e, *at_e, weights);
+                add(&mut f, *at_f, weights);
             }
         }
-        [sums]
+        [a, b, c, d, e, f]
     }
-}
-
-impl Kernel<PANELS> for [PanelWeights<'_>; PANELS] {
-    #[inline(always)]
-    fn sums<const PIXELS: usize>(self, from: &[f32], taps: &[usize], step: usize) -> [Sums<PIXELS>; PANELS] {
-        let [a, b, c] = self;
-        let (mut sums_a, mut sums_b, mut sums_c) = ([a.bias; PIXELS], [b.bias; PIXELS], [c.bias; PIXELS]);
-        let length = a.length;
-        for (tap, start) in taps.iter().enumerate() {
-            let values = stretches::<PIXELS>(from, *start, step, length);
-            let (a, b, c) = (
-                &a.taps[tap * length..][..length],
-                &b.taps[tap * length..][..length],
-                &c.taps[tap * length..][..length],
-            );
-            for index in 0..length {
-                add(&mut sums_a, &values, index, &a[index]);
-                add(&mut sums_b, &values, index, &b[index]);
-                add(&mut sums_c, &values, index, &c[index]);
-            }
-        }
-        [sums_a, sums_b, sums_c]
-    }
-}
-
-/// Returns the stretches for several pixels at one tap.
-#[inline(always)]
-fn stretches<const PIXELS: usize>(
-    from: &[f32],
-    start: usize,
-    step: usize,
-    length: usize,
-) -> [&[f32]; PIXELS] {
-    std::array::from_fn(|pixel| &from[start + pixel * step..][..length])
 }
 
 #[inline(always)]
-fn add<const PIXELS: usize>(
-    sums: &mut Sums<PIXELS>,
-    values: &[&[f32]; PIXELS],
-    index: usize,
-    weights: &[f32; PANEL],
-) {
-    for (sums, values) in sums.iter_mut().zip(values) {
-        let value = values[index];
-        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
-    }
+fn add(sums: &mut [f32; PANEL], value: f32, weights: &[f32; PANEL]) {
+    sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
 }
 
 #[cfg(test)]

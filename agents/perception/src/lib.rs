@@ -159,7 +159,7 @@ pub struct WeightsError {
 }
 
 /// Outputs with interleaved weights.
-pub(crate) const PANEL: usize = 8;
+pub(crate) const PANEL: usize = 16;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ConvLayer {

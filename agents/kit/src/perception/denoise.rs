@@ -1,6 +1,7 @@
 //! Removal of sensor noise from colour images.
 
 use avln_client::{DepthImage, RgbImage};
+use avln_simd::{Width, Work, run_at};
 use std::borrow::Cow;
 
 /// Noise above which an image is smoothed, grey levels. Textures and edges of images without noise stay below.
@@ -23,68 +24,139 @@ pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, R
     if sigma < NOISY || depth.metres.len() != width * height {
         return Cow::Borrowed(image);
     }
-    let unclipped = unclipped(sigma);
-    let colours = |mean: &dyn Fn(usize) -> [u8; 3]| -> Vec<[u8; 3]> {
-        (0..width * height).map(|pixel| mean(pixel).map(|level| unclipped[usize::from(level)])).collect()
+    let (unclipped, weights) = (unclipped(sigma), colour_weights());
+    let depth_m = bordered(depth.metres.iter().copied(), width, f32::NAN);
+    let mean = |image: &Channels, guide: &Channels, reach: usize| {
+        let means =
+            WindowMeans { size: [width, height], image, depth_m: &depth_m, guide, weights: &weights, reach };
+        let levels = run_at(Width::Sixteen, means);
+        levels.into_iter().map(|level| unclipped[usize::from(level)]).collect::<Vec<u8>>()
     };
-    let window = Window { side: [width, height], pixels: image.pixels.as_chunks().0, depth_m: &depth.metres };
-    let guide = colours(&|pixel| window.mean(pixel, GUIDE_REACH, |_| 1));
-    let weights = ColourWeights::new();
-    let pixels = colours(&|pixel| window.mean(pixel, REACH, |other| weights.of(guide[pixel], guide[other])));
-    Cow::Owned(RgbImage { pixels: pixels.into_iter().flatten().collect(), ..image.clone() })
+    let noisy = Channels::new(&image.pixels, width);
+    // With a black guide, all pixels of a surface count equally.
+    let black = Channels::new(&vec![0; image.pixels.len()], width);
+    let guide = Channels::new(&mean(&noisy, &black, GUIDE_REACH), width);
+    Cow::Owned(RgbImage { pixels: mean(&noisy, &guide, REACH), ..image.clone() })
 }
 
-/// Weights of pixels by the difference of their colours in the guide.
-struct ColourWeights(Vec<u32>);
+/// Pixels of a row that are computed at once.
+const LANES: usize = 16;
 
-impl ColourWeights {
-    /// Squared differences per step.
-    const STEP: u32 = 64;
-    /// Steps with a weight; the table has an entry for the largest difference, so that no colour needs a comparison.
-    const STEPS: u32 = 256;
-    const ENTRIES: u32 = 3 * 255 * 255 / Self::STEP + 1;
-    /// Weight of equal colours. The sums over a window stay below 2^32.
-    const WHOLE: f32 = 1000.0;
+/// Returns rows with a border of [`REACH`] at both ends, filled up to a multiple of [`LANES`].
+fn bordered<T: Copy>(values: impl Iterator<Item = T>, width: usize, border: T) -> Vec<T> {
+    let mut values = values.peekable();
+    let mut rows = Vec::new();
+    while values.peek().is_some() {
+        rows.extend([border; REACH]);
+        rows.extend(values.by_ref().take(width));
+        rows.resize(rows.len().next_multiple_of(row_length(width)), border);
+    }
+    rows
+}
 
-    fn new() -> Self {
-        let weight = |step: u32| {
-            let square = (step * Self::STEP) as f32;
-            (Self::WHOLE * libm::expf(-0.5 * square / (SAME_COLOUR * SAME_COLOUR))) as u32
-        };
-        Self((0..Self::ENTRIES).map(|step| if step < Self::STEPS { weight(step) } else { 0 }).collect())
+fn row_length(width: usize) -> usize {
+    width.next_multiple_of(LANES) + 2 * REACH
+}
+
+/// Red, green and blue of an image in separate [`bordered`] rows.
+struct Channels([Vec<u8>; 3]);
+
+impl Channels {
+    fn new(pixels: &[u8], width: usize) -> Self {
+        Self([0, 1, 2].map(|channel| bordered(pixels.iter().skip(channel).step_by(3).copied(), width, 0)))
     }
 
-    fn of(&self, a: [u8; 3], b: [u8; 3]) -> u32 {
-        let square = |channel: usize| u32::from(a[channel].abs_diff(b[channel])).pow(2);
-        self.0[((square(0) + square(1) + square(2)) / Self::STEP) as usize]
+    #[inline(always)]
+    fn lanes(&self, at: usize) -> [&[u8; LANES]; 3] {
+        self.0.each_ref().map(|levels| lanes(levels, at))
     }
 }
 
-/// An image with the surfaces by depth.
-struct Window<'a> {
-    side: [usize; 2],
-    pixels: &'a [[u8; 3]],
+#[inline(always)]
+fn lanes<T>(values: &[T], at: usize) -> &[T; LANES] {
+    values[at..].first_chunk().expect("a border at the end of each row")
+}
+
+/// Squared colour differences per entry in the table of weights.
+const STEP: u32 = 64;
+/// Largest difference with a weight, entries.
+const MOST_STEPS: u32 = 256;
+
+/// Returns weights by the squared difference of two colours in the guide. The sums over a window stay below 2^32.
+fn colour_weights() -> [u32; MOST_STEPS as usize + 1] {
+    const EQUAL: f32 = 1000.0;
+    let weight = |square: f32| EQUAL * libm::expf(-0.5 * square / (SAME_COLOUR * SAME_COLOUR));
+    std::array::from_fn(|step| match step as u32 {
+        MOST_STEPS => 0,
+        step => weight((step * STEP) as f32) as u32,
+    })
+}
+
+/// The weighted mean colour of every pixel's surface within `reach` pixels to each side: bytes as in an image.
+struct WindowMeans<'a> {
+    size: [usize; 2],
+    image: &'a Channels,
     depth_m: &'a [f32],
+    guide: &'a Channels,
+    weights: &'a [u32; MOST_STEPS as usize + 1],
+    reach: usize,
 }
 
-impl Window<'_> {
-    /// Returns the weighted mean colour of a pixel's surface within `reach` pixels to each side.
-    fn mean(&self, pixel: usize, reach: usize, weight: impl Fn(usize) -> u32) -> [u8; 3] {
-        let [width, height] = self.side;
-        let (row, column, here_m) = (pixel / width, pixel % width, self.depth_m[pixel]);
-        let columns = column.saturating_sub(reach)..(column + reach + 1).min(width);
-        let (mut sums, mut total) = ([0_u32; 3], 0);
-        for y in row.saturating_sub(reach)..(row + reach + 1).min(height) {
-            let others = y * width + columns.start..y * width + columns.end;
-            let (pixels, depth_m) = (&self.pixels[others.clone()], &self.depth_m[others.clone()]);
-            for ((other, levels), other_m) in others.zip(pixels).zip(depth_m) {
-                let is_same = (other_m - here_m).abs() <= SAME_SURFACE * here_m;
-                let weight = if is_same { weight(other) } else { 0 };
-                (0..3).for_each(|channel| sums[channel] += weight * u32::from(levels[channel]));
-                total += weight;
+impl Work for WindowMeans<'_> {
+    type Output = Vec<u8>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<u8> {
+        let [width, height] = self.size;
+        let mut means = Vec::with_capacity(3 * width * height);
+        for row in 0..height {
+            for column in (0..width).step_by(LANES) {
+                let ([red, green, blue], total) = self.sums(row, column);
+                for lane in 0..LANES.min(width - column) {
+                    let total = total[lane];
+                    let mean = |sums: &[u32; LANES]| ((sums[lane] + total / 2) / total.max(1)) as u8;
+                    means.extend([mean(&red), mean(&green), mean(&blue)]);
+                }
             }
         }
-        sums.map(|sum| ((sum + total / 2) / total.max(1)) as u8)
+        means
+    }
+}
+
+impl WindowMeans<'_> {
+    /// Returns weighted sums of the channels, and the weights, for adjacent pixels of a row.
+    #[inline(always)]
+    fn sums(&self, row: usize, column: usize) -> ([[u32; LANES]; 3], [u32; LANES]) {
+        let ([width, height], reach) = (self.size, self.reach);
+        let start = |row: usize| row * row_length(width) + REACH + column;
+        let (here_m, here) = (lanes(self.depth_m, start(row)), self.guide.lanes(start(row)));
+        let (mut sums, mut total) = ([[0; LANES]; 3], [0; LANES]);
+        for row in row.saturating_sub(reach)..(row + reach + 1).min(height) {
+            for at in start(row) - reach..=start(row) + reach {
+                let (other_m, other, levels) =
+                    (lanes(self.depth_m, at), self.guide.lanes(at), self.image.lanes(at));
+                // Two loops: the compiler vectorises each, but not both in one for AVX2.
+                let mut weights = [0; LANES];
+                for lane in 0..LANES {
+                    let square = |channel: usize| {
+                        let difference = i32::from(here[channel][lane]) - i32::from(other[channel][lane]);
+                        (difference * difference) as u32
+                    };
+                    let step = ((square(0) + square(1) + square(2)) / STEP).min(MOST_STEPS);
+                    let weight = self.weights[step as usize];
+                    // False for the border, whose depth is not a number.
+                    let is_same = (other_m[lane] - here_m[lane]).abs() <= SAME_SURFACE * here_m[lane];
+                    weights[lane] = if is_same { weight } else { 0 };
+                }
+                for lane in 0..LANES {
+                    let weight = weights[lane];
+                    (0..3)
+                        .for_each(|channel| sums[channel][lane] += weight * u32::from(levels[channel][lane]));
+                    total[lane] += weight;
+                }
+            }
+        }
+        (sums, total)
     }
 }
 
@@ -161,6 +233,45 @@ mod tests {
         });
         let mean = errors.sum::<f32>() / (SIDE * SIDE) as f32;
         assert!(mean < 8.0, "{mean}");
+    }
+
+    #[test]
+    fn means_match_the_definition_at_every_vector_width() {
+        // A row is longer than a vector, but not a multiple of it.
+        let size @ [width, height] = [21, 9];
+        let byte = |index: usize| (index * 7919 % 251) as u8;
+        let pixels: Vec<[u8; 3]> =
+            (0..width * height).map(|pixel| [0, 1, 2].map(|channel| byte(3 * pixel + channel))).collect();
+        let depths_m: Vec<f32> = (0..width * height).map(|pixel| [1.0, 1.02, 2.0, 0.0][pixel % 4]).collect();
+        let plain = |here: usize| {
+            let near = |other: &usize| {
+                let apart = [(other / width).abs_diff(here / width), (other % width).abs_diff(here % width)];
+                let is_same = (depths_m[*other] - depths_m[here]).abs() <= SAME_SURFACE * depths_m[here];
+                apart.iter().all(|pixels| *pixels <= GUIDE_REACH) && is_same
+            };
+            let others: Vec<usize> = (0..width * height).filter(near).collect();
+            let sum = |channel: usize| {
+                others.iter().map(|pixel| usize::from(pixels[*pixel][channel])).sum::<usize>()
+            };
+            [0, 1, 2].map(|channel| ((sum(channel) + others.len() / 2) / others.len()) as u8)
+        };
+        let (image, black) =
+            (Channels::new(pixels.as_flattened(), width), Channels::new(&[0; 3 * 21 * 9], width));
+        let (depth_m, weights) = (bordered(depths_m.iter().copied(), width, f32::NAN), colour_weights());
+        for vectors in [Width::Portable, Width::Eight, Width::Sixteen] {
+            let means = |guide, reach| WindowMeans {
+                size,
+                image: &image,
+                depth_m: &depth_m,
+                guide,
+                weights: &weights,
+                reach,
+            };
+            let plainly: Vec<[u8; 3]> = (0..width * height).map(plain).collect();
+            assert_eq!(run_at(vectors, means(&black, GUIDE_REACH)).as_chunks().0, plainly, "{vectors:?}");
+            let guided = run_at(vectors, means(&image, REACH));
+            assert_eq!(guided, run_at(Width::Portable, means(&image, REACH)), "{vectors:?}");
+        }
     }
 
     #[test]
