@@ -2,6 +2,7 @@
 
 use avln_client::nalgebra::{Point2, Rotation2, Vector2};
 use avln_client::{DepthImage, Pose, TaskSpec};
+use std::ops::{Add, Sub};
 
 /// A point on the floor plan, metres: `x` right and `z` back in the frame of poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,17 +21,34 @@ impl FloorPoint {
 
     /// Returns the distance to another point, metres.
     pub fn distance_m(self, other: Self) -> f32 {
-        (self.point() - other.point()).norm()
+        (self - other).norm()
     }
 
     /// Returns the point at `share` (0 to 1) of the way to `other`.
     pub fn toward(self, other: Self, share: f32) -> Self {
-        Self { x: self.x + (other.x - self.x) * share, z: self.z + (other.z - self.z) * share }
+        self + (other - self) * share
     }
 
     /// Returns the point in the axes of [`Pose2d`]: ahead of heading 0, then left of it.
     fn point(self) -> Point2<f32> {
         Point2::new(-self.z, -self.x)
+    }
+}
+
+impl Sub for FloorPoint {
+    type Output = Vector2<f32>;
+
+    /// Returns the offset from `other`, metres right and back.
+    fn sub(self, other: Self) -> Vector2<f32> {
+        Vector2::new(self.x - other.x, self.z - other.z)
+    }
+}
+
+impl Add<Vector2<f32>> for FloorPoint {
+    type Output = Self;
+
+    fn add(self, offset: Vector2<f32>) -> Self {
+        Self { x: self.x + offset.x, z: self.z + offset.y }
     }
 }
 

@@ -5,6 +5,7 @@ use crate::candidate::{Candidate, Evidence, SoundSupport, best};
 use crate::memory::Aim;
 use crate::verify::Readiness;
 use avln_client::Action;
+use avln_client::nalgebra::Vector2;
 use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::map::{Cell, NEUTRAL, ObjectHypothesis, ObjectMemory, range_m};
 use avln_kit::path::ReachField;
@@ -257,7 +258,7 @@ impl PagNav {
             let share = (index / DIRECTIONS) as f32 / (RINGS - 1) as f32;
             let range_m = self.weights.view_near_m + share * (far_m - self.weights.view_near_m).max(0.0);
             let (sin, cos) = libm::sincosf(direction_rad);
-            let place = snapped(FloorPoint::new(center.x + range_m * cos, center.z + range_m * sin));
+            let place = snapped(center + Vector2::new(cos, sin) * range_m);
             let cell = Cell::at(place);
             let is_fit = map.is_free(cell)
                 && !map.is_blocked(cell)
@@ -266,7 +267,7 @@ impl PagNav {
                 && map.has_clear_line(place, center);
             let way_m = if is_fit { field.cost_m(place) } else { None }?;
             let seen = object.viewed_from().iter().chain(tried);
-            let change_rad = seen.map(|&from| angle_rad(center, from, place)).fold(PI, f32::min);
+            let change_rad = seen.map(|&from| angle_rad(from - center, place - center)).fold(PI, f32::min);
             Some((change_rad / PI - self.weights.view_way * way_m, place))
         });
         views.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, place)| place)
@@ -278,11 +279,9 @@ fn snapped(place: FloorPoint) -> FloorPoint {
     Cell::at(place).center()
 }
 
-/// Returns the angle between the directions from `center` to two points, 0 to π.
-fn angle_rad(center: FloorPoint, a: FloorPoint, b: FloorPoint) -> f32 {
-    let (ax, az) = (a.x - center.x, a.z - center.z);
-    let (bx, bz) = (b.x - center.x, b.z - center.z);
-    libm::atan2f((ax * bz - az * bx).abs(), ax * bx + az * bz)
+/// Returns the angle between two directions, 0 to π.
+fn angle_rad(a: Vector2<f32>, b: Vector2<f32>) -> f32 {
+    libm::atan2f(a.perp(&b).abs(), a.dot(&b))
 }
 
 #[cfg(test)]
@@ -368,7 +367,7 @@ mod tests {
         let candidate = agent.select(&here).unwrap();
         let view = agent.best_viewpoint(&candidate, &[], &here).expect("a viewpoint");
         let range_m = view.distance_m(candidate.place);
-        assert!(angle_rad(candidate.place, here.place, view) > 0.5, "{view:?}");
+        assert!(angle_rad(here.place - candidate.place, view - candidate.place) > 0.5, "{view:?}");
         assert!(range_m > 0.7 && range_m <= agent.weights.submit_m + 0.05, "{range_m}");
         let next = agent.best_viewpoint(&candidate, &[view], &here).expect("another viewpoint");
         assert!(next.distance_m(view) > AT_M);

@@ -5,7 +5,9 @@ use avln_arena::{Failure, data::DataFolder, servers::RunningServers, setup::admi
 use avln_client::Sensors;
 use avln_conformance::{Check, Host, Outcome, Scenario, Site, check};
 use avln_lab::{
-    calibration::{self, Calibration, CalibrationRun, CalibrationServer, PHASE, ReferenceAgent, differences},
+    calibration::{
+        self, Calibration, CalibrationRun, CalibrationServer, PHASES, ReferenceAgent, differences,
+    },
     doctor::{DoctorOptions, DoctorReport, examine},
 };
 use avln_store::Reference;
@@ -181,7 +183,7 @@ fn print_rules(checks: &[Check]) -> Result<(), Failure> {
 
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct CalibrateArgs {
-    /// Server that hosts the calibration phase; by default a temporary one in this process
+    /// Server that hosts the calibration phases; by default a temporary one in this process
     #[arg(long, value_name = "URL", requires = "token")]
     server: Option<String>,
     /// PEM file with trusted certificate authorities, instead of the system's
@@ -193,7 +195,7 @@ pub(crate) struct CalibrateArgs {
     /// Play only this reference agent
     #[arg(long, value_enum, value_name = "AGENT")]
     agent: Option<ReferenceAgent>,
-    /// Open the calibration phase in the data folder, for its server, and exit
+    /// Open the calibration phases in the data folder, for its server, and exit
     #[arg(long, conflicts_with_all = ["server", "agent", "write"])]
     open: bool,
     /// Write the results to a file instead of comparing them
@@ -229,7 +231,10 @@ pub(crate) async fn calibrate(data: &Path, args: CalibrateArgs) -> Result<(), Fa
     }
     let episodes: usize = found.runs.iter().map(|run| run.episodes.len()).sum();
     if lines.is_empty() {
-        say!("All {episodes} episodes are as published: every observation, action and metric, bit for bit.");
+        let dataset = if found.dataset.is_some() { " and the data set" } else { "" };
+        say!(
+            "All {episodes} episodes{dataset} are as published: every observation, action, metric and file, bit for bit."
+        );
         return Ok(());
     }
     let message = format!("the server is not calibrated: {} differences", lines.len());
@@ -243,7 +248,8 @@ async fn open_phase(data: &Path) -> Result<(), Failure> {
     let store = data.store().await?;
     calibration::open(&data, &store).await?;
     store.close().await;
-    say!("phase {PHASE} is open; once the server hosts it, agents prove it with:");
+    let phases = PHASES.map(|phase| phase.id).join(" and ");
+    say!("phases {phases} are open; once the server hosts them, agents prove it with:");
     say!("avln lab calibrate --server URL --token TOKEN");
     Ok(())
 }
@@ -253,6 +259,7 @@ async fn play_here(agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
     let data = DataFolder::open(folder.path())?;
     let store = data.store().await?;
     say!("Building houses and missions");
+    let dataset = Some(calibration::build_dataset(&folder.path().join("dataset"))?);
     calibration::open(&data, &store).await?;
     let token = admit(&store, CALIBRATION_TEAM, Some(Reference::Baseline)).await?;
     let servers = RunningServers::local(&data, &store).await?;
@@ -260,7 +267,7 @@ async fn play_here(agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
     let found = play(&server, agents).await;
     servers.close().await?;
     store.close().await;
-    found
+    Ok(Calibration { dataset, ..found? })
 }
 
 async fn play(server: &CalibrationServer, agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
@@ -272,5 +279,5 @@ async fn play(server: &CalibrationServer, agents: &[ReferenceAgent]) -> Result<C
 
 fn print_means(run: &CalibrationRun) {
     let means: Vec<_> = run.means.iter().map(|(name, mean)| format!("{name} {mean:.6}")).collect();
-    say!("{:<8} {:<10} {}", run.agent, run.order, means.join("  "));
+    say!("{:<8} {:<9} {:<16} {}", run.agent, run.order, run.phase, means.join("  "));
 }

@@ -1,27 +1,43 @@
-//! Calibration: reference agents in three procedural houses, compared with published values to the last bit. A server with equal
-//! observations and scores simulates and scores like the published build.
+//! Calibration: reference agents in four procedural houses and a verified data set, compared with published values to the last bit. A
+//! server with equal observations and scores simulates and scores like the published build.
 
+use crate::dataset::{build::Builder, verifier::VerifierChoice};
 use crate::internal;
 use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
-use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
+use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder, dataset::DatasetFiles};
 use avln_baselines::RandomAgent;
 use avln_client::{
     Action, Agent, Client, ConnectOptions, EpisodeEnd, GoalCue, Mission, Observation, Order, RunOptions,
     Sensors, TaskSpec, evaluate_with,
 };
-use avln_dataset::Seed;
+use avln_dataset::{Recipe, Seed};
 use avln_episode::Rules;
 use avln_pag_nav::{PagNav, Preset};
 use avln_store::Store;
 use serde::{Deserialize, Serialize};
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-/// Phase and split id.
-pub const PHASE: &str = "calibration";
+/// A phase of reference agents, and its split.
+#[derive(Clone, Copy, Debug)]
+pub struct CalibrationPhase {
+    /// Phase and split id.
+    pub id: &'static str,
+    rules: &'static str,
+    houses: u32,
+    missions: usize,
+}
+
+/// All phases: the paper's rules, and the hard track's noise and distractors.
+pub const PHASES: [CalibrationPhase; 2] = [
+    CalibrationPhase { id: "calibration", rules: Rules::PAPER, houses: 3, missions: 4 },
+    CalibrationPhase { id: "calibration-hard", rules: Rules::HARD, houses: 1, missions: 2 },
+];
+
 const PUBLISHED: &str = include_str!("published.json");
 const SIDE: u32 = 128;
-const HOUSES: u32 = 3;
-const MISSIONS: usize = 4;
 const SEED: u64 = 1;
 /// Most actions per episode: few, because a test plays all episodes.
 const MOST_STEPS: u32 = 150;
@@ -32,7 +48,9 @@ const MOST_STEPS: u32 = 150;
 pub struct Calibration {
     /// Benchmark version.
     pub benchmark: String,
-    /// A run per reference agent.
+    /// Digest of the data set `mini`, built here with the network as verifier; `None` if only a remote server was played.
+    pub dataset: Option<String>,
+    /// A run per reference agent and phase.
     pub runs: Vec<CalibrationRun>,
 }
 
@@ -42,6 +60,8 @@ pub struct Calibration {
 pub struct CalibrationRun {
     /// Agent name.
     pub agent: String,
+    /// Phase id.
+    pub phase: String,
     /// Goal order.
     pub order: String,
     /// Episodes, in playing order.
@@ -87,6 +107,11 @@ impl ReferenceAgent {
         }
     }
 
+    /// Returns the phases that the agent plays.
+    fn phases(self) -> &'static [CalibrationPhase] {
+        if self == Self::PagNavPlus { &PHASES } else { &PHASES[..1] }
+    }
+
     fn order(self) -> Order {
         if self == Self::PagNav { Order::Unordered } else { Order::Ordered }
     }
@@ -120,32 +145,46 @@ pub fn published() -> Result<Calibration, Failure> {
     serde_json::from_str(PUBLISHED).map_err(internal)
 }
 
-/// Creates the calibration split and opens the calibration phase, unless they exist.
+/// Creates the calibration splits and opens the calibration phases, unless they exist.
 ///
 /// # Errors
-/// If the data folder cannot be written, or has another phase with this name.
+/// If the data folder cannot be written, or has another phase with one of the names.
 pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
-    let make = NewSplit {
-        name: PHASE.to_owned(),
-        houses: HOUSES,
-        scenes: vec![],
-        missions: MISSIONS,
-        seed: Seed::Number(SEED),
-        rules: Rules::PAPER.to_owned(),
-    };
+    for phase in PHASES {
+        open_one(data, store, phase).await?;
+    }
+    Ok(())
+}
+
+async fn open_one(data: &DataFolder, store: &Store, phase: CalibrationPhase) -> Result<(), Failure> {
+    let CalibrationPhase { id, rules, houses, missions } = phase;
+    let (name, rules) = (id.to_owned(), rules.to_owned());
+    let make = NewSplit { name, houses, scenes: vec![], missions, seed: Seed::Number(SEED), rules };
     make_split(data, store, make, |_| ()).await?;
-    if store.phases().await?.iter().any(|phase| phase.id == PHASE) {
+    if store.phases().await?.iter().any(|phase| phase.id == id) {
         return Ok(());
     }
-    let open =
-        NewPhase { title: Some("Calibration".to_owned()), max_side: 256, ..NewPhase::public(PHASE, PHASE) };
+    let open = NewPhase { title: Some("Calibration".to_owned()), max_side: 256, ..NewPhase::public(id, id) };
     open_phase(data, store, &open).await.map(drop)
 }
 
-/// Plays the calibration phase on a server with reference agents; calls `on_end` after every episode.
+/// Builds the data set `mini` in `folder` with the network as verifier; returns the digest of its split.
 ///
 /// # Errors
-/// If the server does not host the phase, hides metrics, or a run fails.
+/// If the folder is not empty or cannot be written.
+pub fn build_dataset(folder: &Path) -> Result<String, Failure> {
+    let files = DatasetFiles::at(folder);
+    let mini = Recipe::EMBEDDED.iter().find(|(name, _)| *name == "mini").map(|(_, text)| *text);
+    let recipe = Recipe::from_json(mini.unwrap_or_default()).map_err(internal)?;
+    Builder::open_with(files.clone(), recipe, VerifierChoice::Network.load()?)?.run(None, None, |_| ())?;
+    let splits = files.manifest()?.splits;
+    Ok(splits.into_iter().map(|split| split.digest).collect())
+}
+
+/// Plays the calibration phases on a server with reference agents; calls `on_end` after every episode.
+///
+/// # Errors
+/// If the server does not host a phase, hides metrics, or a run fails.
 pub async fn play(
     server: &CalibrationServer,
     agents: &[ReferenceAgent],
@@ -157,17 +196,20 @@ pub async fn play(
     let benchmark = client.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
-        runs.push(play_one(&client, agent, on_end).await?);
+        for phase in agent.phases() {
+            runs.push(play_one(&client, agent, phase.id, on_end).await?);
+        }
     }
-    Ok(Calibration { benchmark, runs })
+    Ok(Calibration { benchmark, dataset: None, runs })
 }
 
 async fn play_one(
     client: &Client,
     reference: ReferenceAgent,
+    phase: &str,
     on_end: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<CalibrationRun, Failure> {
-    let options = RunOptions::new(PHASE, format!("{} (calibration)", reference.name()));
+    let options = RunOptions::new(phase, format!("{} (calibration)", reference.name()));
     let options = options.method_version(env!("CARGO_PKG_VERSION")).order(reference.order());
     let run = client.start_run(options).await.map_err(Failure::run)?;
     let mut agent = reference.agent();
@@ -186,7 +228,7 @@ async fn play_one(
     }
     let means = means(&episodes);
     let (agent, order) = (reference.name().to_owned(), reference.order().to_string());
-    Ok(CalibrationRun { agent, order, episodes, means })
+    Ok(CalibrationRun { agent, phase: phase.to_owned(), order, episodes, means })
 }
 
 fn episode((end, sensed): (&EpisodeEnd, String)) -> CalibrationEpisode {
@@ -209,9 +251,15 @@ pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> 
         let (own, other) = (&found.benchmark, &published.benchmark);
         lines.push(format!("the server has benchmark {own}, published is {other}"));
     }
+    if let (Some(own), other) = (&found.dataset, &published.dataset)
+        && Some(own) != other.as_ref()
+    {
+        let other = other.as_deref().unwrap_or("none");
+        lines.push(format!("the data set mini has digest {own}, published is {other}"));
+    }
     for run in &found.runs {
-        let name = format!("{} {}", run.agent, run.order);
-        let is_same = |other: &&CalibrationRun| (&other.agent, &other.order) == (&run.agent, &run.order);
+        let name = format!("{} {}, phase {}", run.agent, run.order, run.phase);
+        let is_same = |other: &&CalibrationRun| (&other.agent, &other.phase) == (&run.agent, &run.phase);
         let Some(expected) = published.runs.iter().find(is_same) else {
             lines.push(format!("{name}: no values are published"));
             continue;
@@ -313,9 +361,13 @@ mod tests {
     fn published_values_are_current_and_complete() {
         let published = published().unwrap();
         assert!(is_current(&published), "publish again: AVLN_BLESS=1 cargo test -p avln-tests calibration");
-        let agents: Vec<_> = published.runs.iter().map(|run| run.agent.as_str()).collect();
-        assert_eq!(agents, ReferenceAgent::ALL.map(ReferenceAgent::name));
-        assert!(published.runs.iter().all(|run| run.episodes.len() == HOUSES as usize * MISSIONS));
+        let runs =
+            published.runs.iter().map(|run| (run.agent.as_str(), run.phase.as_str(), run.episodes.len()));
+        let wanted = ReferenceAgent::ALL.iter().flat_map(|agent| {
+            let phases = agent.phases().iter();
+            phases.map(|phase| (agent.name(), phase.id, phase.houses as usize * phase.missions))
+        });
+        assert!(runs.eq(wanted) && published.dataset.is_some(), "{published:?}");
         assert_eq!(differences(&published, &published), Vec::<String>::new());
     }
 
@@ -327,7 +379,8 @@ mod tests {
         *value = f64::from_bits(value.to_bits() + 1);
         let lines = differences(&other, &published);
         assert!(
-            lines.len() == 1 && lines[0].starts_with("PAG-Nav unordered, episode 4: metrics"),
+            lines.len() == 1
+                && lines[0].starts_with("PAG-Nav unordered, phase calibration, episode 4: metrics"),
             "{lines:?}"
         );
         let mut other = published.clone();
@@ -336,6 +389,9 @@ mod tests {
         let mut other = published.clone();
         other.runs[0].episodes.pop();
         other.benchmark = "0.0.1".to_owned();
+        other.dataset = Some("0".to_owned());
+        assert_eq!(differences(&other, &published).len(), 3);
+        other.dataset = None;
         assert_eq!(differences(&other, &published).len(), 2);
     }
 }

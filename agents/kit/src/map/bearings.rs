@@ -2,6 +2,7 @@
 
 use crate::geometry::{FloorPoint, Pose2d};
 use crate::hearing::{HeardSound, bearings_rad};
+use avln_client::nalgebra::Vector2;
 
 /// Observations kept per goal.
 const MOST: usize = 200;
@@ -30,28 +31,26 @@ struct BearingObservation {
     beams: [Beam; 2],
 }
 
-/// A direction on the floor plan with the weight by the map, 0 to 1.
+/// A unit vector on the floor plan, right and back, with the weight by the map, 0 to 1.
 #[derive(Clone, Copy, Debug)]
 struct Beam {
-    x: f32,
-    z: f32,
+    direction: Vector2<f32>,
     weight: f32,
 }
 
 impl Beam {
     fn new(pose: &Pose2d, bearing_rad: f32) -> Self {
         let end = pose.offset(libm::cosf(bearing_rad), -libm::sinf(bearing_rad));
-        Self { x: end.x - pose.place.x, z: end.z - pose.place.z, weight: 1.0 }
+        Self { direction: end - pose.place, weight: 1.0 }
     }
 
     fn along(&self, from: FloorPoint, range_m: f32) -> FloorPoint {
-        FloorPoint::new(from.x + range_m * self.x, from.z + range_m * self.z)
+        from + self.direction * range_m
     }
 
     /// Returns the cosine of the angle to the direction from one point to another.
     fn cosine(&self, from: FloorPoint, to: FloorPoint) -> f32 {
-        let length_m = from.distance_m(to).max(1e-3);
-        (self.x * (to.x - from.x) + self.z * (to.z - from.z)) / length_m
+        self.direction.dot(&(to - from)) / from.distance_m(to).max(1e-3)
     }
 }
 
@@ -63,7 +62,7 @@ impl BearingMemory {
         let is_same = |known: &BearingObservation| {
             let pairs = known.beams.iter().zip(&beams);
             known.place.distance_m(pose.place) <= MERGED_M
-                && pairs.into_iter().all(|(a, b)| a.x * b.x + a.z * b.z >= MERGED_COS)
+                && pairs.into_iter().all(|(a, b)| a.direction.dot(&b.direction) >= MERGED_COS)
         };
         self.all.retain(|known| !is_same(known));
         if self.all.len() >= MOST {
