@@ -43,7 +43,7 @@ async fn this_build_is_calibrated_and_leaves_nothing_behind() {
         return;
     }
     let (code, text) = calibrate(&data, &[]);
-    assert!(code == Some(0) && text.contains("All 38 episodes are as published"), "{text}");
+    assert!(code == Some(0) && text.contains("All 38 episodes and the data set are as published"), "{text}");
     assert!(!data.exists());
 }
 
