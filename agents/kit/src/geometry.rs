@@ -47,6 +47,7 @@ impl Sub for FloorPoint {
 impl Add<Vector2<f32>> for FloorPoint {
     type Output = Self;
 
+    /// Returns the point at an offset, metres right and back.
     fn add(self, offset: Vector2<f32>) -> Self {
         Self { x: self.x + offset.x, z: self.z + offset.y }
     }

@@ -218,8 +218,8 @@ impl Work for Likelihoods<'_> {
     }
 }
 
-/// Returns `libm::expf(x)` for `x` from -87 to 0, with equal bits, and 1.6e-38 below: a function without branches or
-/// calls, which the compiler vectorises. Reduction to a power of two and rational approximation: FreeBSD's `e_expf.c`.
+/// Returns `libm::expf(x)` for `x` from -87 to 0, with equal bits, and 1.6e-38 below and for NaN: a function without branches
+/// or calls, which the compiler vectorises. Reduction to a power of two and rational approximation: FreeBSD's `e_expf.c`.
 #[inline(always)]
 fn exp_of_negative(x: f32) -> f32 {
     const LN2: [f32; 2] = [6.931_457_5e-1, 1.428_606_8e-6];
@@ -231,7 +231,7 @@ fn exp_of_negative(x: f32) -> f32 {
     let c = rest - square * (1.666_662_5e-1 + square * -2.766_733_3e-3);
     let near = 1.0 + (rest * c / (2.0 - c) - low + high);
     let scaled = near * f32::from_bits(((power + 127) << 23) as u32);
-    // Close to 0 the approximation would round twice.
+    // As in libm: close to 0 the approximation differs in the last bit.
     if x >= -1.220_703_1e-4 { 1.0 + x } else { scaled }
 }
 

@@ -1,7 +1,7 @@
 //! Checks: doctor before a run, protocol conformance, server calibration.
 
 use crate::output::{print_json, say, write_file};
-use avln_arena::{Failure, data::DataFolder, servers::RunningServers, setup::admit};
+use avln_arena::{Failure, data::DataFolder, run_blocking, servers::RunningServers, setup::admit};
 use avln_client::Sensors;
 use avln_conformance::{Check, Host, Outcome, Scenario, Site, check};
 use avln_lab::{
@@ -205,10 +205,10 @@ pub(crate) struct CalibrateArgs {
 
 const CALIBRATION_TEAM: &str = "calibration";
 
-/// Plays the reference agents and compares their observations and scores with the published ones.
+/// Plays the reference agents, builds a data set, and compares observations, scores and digest with the published ones.
 pub(crate) async fn calibrate(data: &Path, args: CalibrateArgs) -> Result<(), Failure> {
     if args.open {
-        return open_phase(data).await;
+        return open_phases(data).await;
     }
     let agents = args.agent.map_or(ReferenceAgent::ALL.to_vec(), |agent| vec![agent]);
     let found = match (&args.server, &args.token) {
@@ -216,7 +216,7 @@ pub(crate) async fn calibrate(data: &Path, args: CalibrateArgs) -> Result<(), Fa
             let server = CalibrationServer { url: server.clone(), ca: args.ca, token: token.clone() };
             play(&server, &agents).await?
         }
-        _ => play_here(&agents).await?,
+        _ => play_here(&agents, args.agent.is_none()).await?,
     };
     found.runs.iter().for_each(print_means);
     if let Some(path) = &args.write {
@@ -231,10 +231,10 @@ pub(crate) async fn calibrate(data: &Path, args: CalibrateArgs) -> Result<(), Fa
     }
     let episodes: usize = found.runs.iter().map(|run| run.episodes.len()).sum();
     if lines.is_empty() {
-        let dataset = if found.dataset.is_some() { " and the data set" } else { "" };
-        say!(
-            "All {episodes} episodes{dataset} are as published: every observation, action, metric and file, bit for bit."
-        );
+        say!("All {episodes} episodes are as published: every observation, action and metric, bit for bit.");
+        if let Some(digest) = &found.dataset {
+            say!("The data set mini is as published: {digest}");
+        }
         return Ok(());
     }
     let message = format!("the server is not calibrated: {} differences", lines.len());
@@ -243,23 +243,25 @@ pub(crate) async fn calibrate(data: &Path, args: CalibrateArgs) -> Result<(), Fa
     ))
 }
 
-async fn open_phase(data: &Path) -> Result<(), Failure> {
+async fn open_phases(data: &Path) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
     calibration::open(&data, &store).await?;
     store.close().await;
     let phases = PHASES.map(|phase| phase.id).join(" and ");
-    say!("phases {phases} are open; once the server hosts them, agents prove it with:");
+    say!("phases {phases} are open; once the server hosts them, any team can check it with:");
     say!("avln lab calibrate --server URL --token TOKEN");
     Ok(())
 }
 
-async fn play_here(agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
+async fn play_here(agents: &[ReferenceAgent], with_dataset: bool) -> Result<Calibration, Failure> {
     let folder = tempfile::tempdir().map_err(Failure::data)?;
     let data = DataFolder::open(folder.path())?;
     let store = data.store().await?;
     say!("Building houses and missions");
-    let dataset = Some(calibration::build_dataset(&folder.path().join("dataset"))?);
+    let place = folder.path().join("dataset");
+    let build = move || with_dataset.then(|| calibration::build_dataset(&place)).transpose();
+    let dataset = run_blocking(build).await?;
     calibration::open(&data, &store).await?;
     let token = admit(&store, CALIBRATION_TEAM, Some(Reference::Baseline)).await?;
     let servers = RunningServers::local(&data, &store).await?;
@@ -271,8 +273,9 @@ async fn play_here(agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
 }
 
 async fn play(server: &CalibrationServer, agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
-    calibration::play(server, agents, &mut |agent, end| {
-        eprintln!("{agent:?}: episode {} of {}, {} steps", end.progress.done, end.progress.total, end.steps);
+    calibration::play(server, agents, &mut |agent, phase, end| {
+        let (done, total) = (end.progress.done, end.progress.total);
+        eprintln!("{agent:?}, phase {phase}: episode {done} of {total}, {} steps", end.steps);
     })
     .await
 }

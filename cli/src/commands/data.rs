@@ -124,7 +124,7 @@ fn build(data: &Path, args: &BuildArgs) -> Result<(), Failure> {
 
 /// Reads a recipe by name or file. Paths of scene files are relative to the file.
 fn recipe(config: &str) -> Result<Recipe, Failure> {
-    if let Some((_, text)) = Recipe::EMBEDDED.iter().find(|(name, _)| *name == config) {
+    if let Some(text) = Recipe::embedded(config) {
         return Ok(Recipe::from_json(text)?);
     }
     let names: Vec<_> = Recipe::EMBEDDED.iter().map(|(name, _)| *name).collect();

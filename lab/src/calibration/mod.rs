@@ -1,4 +1,4 @@
-//! Calibration: reference agents in four procedural houses and a verified data set, compared with published values to the last bit. A
+//! Calibration: reference agents in three procedural houses and a verified data set, compared with published values to the last bit. A
 //! server with equal observations and scores simulates and scores like the published build.
 
 use crate::dataset::{build::Builder, verifier::VerifierChoice};
@@ -25,15 +25,22 @@ use std::{
 pub struct CalibrationPhase {
     /// Phase and split id.
     pub id: &'static str,
+    title: &'static str,
     rules: &'static str,
     houses: u32,
     missions: usize,
 }
 
-/// All phases: the paper's rules, and the hard track's noise and distractors.
+/// All phases: the paper's rules, and the hard track's sensor noise and distractor sources in the first house.
 pub const PHASES: [CalibrationPhase; 2] = [
-    CalibrationPhase { id: "calibration", rules: Rules::PAPER, houses: 3, missions: 4 },
-    CalibrationPhase { id: "calibration-hard", rules: Rules::HARD, houses: 1, missions: 2 },
+    CalibrationPhase { id: "calibration", title: "Calibration", rules: Rules::PAPER, houses: 3, missions: 4 },
+    CalibrationPhase {
+        id: "calibration-hard",
+        title: "Calibration, hard track",
+        rules: Rules::HARD,
+        houses: 1,
+        missions: 2,
+    },
 ];
 
 const PUBLISHED: &str = include_str!("published.json");
@@ -107,11 +114,6 @@ impl ReferenceAgent {
         }
     }
 
-    /// Returns the phases that the agent plays.
-    fn phases(self) -> &'static [CalibrationPhase] {
-        if self == Self::PagNavPlus { &PHASES } else { &PHASES[..1] }
-    }
-
     fn order(self) -> Order {
         if self == Self::PagNav { Order::Unordered } else { Order::Ordered }
     }
@@ -157,29 +159,32 @@ pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
 }
 
 async fn open_one(data: &DataFolder, store: &Store, phase: CalibrationPhase) -> Result<(), Failure> {
-    let CalibrationPhase { id, rules, houses, missions } = phase;
+    let CalibrationPhase { id, title, rules, houses, missions } = phase;
     let (name, rules) = (id.to_owned(), rules.to_owned());
     let make = NewSplit { name, houses, scenes: vec![], missions, seed: Seed::Number(SEED), rules };
     make_split(data, store, make, |_| ()).await?;
     if store.phases().await?.iter().any(|phase| phase.id == id) {
         return Ok(());
     }
-    let open = NewPhase { title: Some("Calibration".to_owned()), max_side: 256, ..NewPhase::public(id, id) };
+    let open = NewPhase { title: Some(title.to_owned()), max_side: 256, ..NewPhase::public(id, id) };
     open_phase(data, store, &open).await.map(drop)
 }
 
-/// Builds the data set `mini` in `folder` with the network as verifier; returns the digest of its split.
+/// Builds the data set `mini` in `folder` with the network as verifier; returns the digest of its only split.
 ///
 /// # Errors
-/// If the folder is not empty or cannot be written.
+/// If the folder has another data set or cannot be written.
 pub fn build_dataset(folder: &Path) -> Result<String, Failure> {
     let files = DatasetFiles::at(folder);
-    let mini = Recipe::EMBEDDED.iter().find(|(name, _)| *name == "mini").map(|(_, text)| *text);
-    let recipe = Recipe::from_json(mini.unwrap_or_default()).map_err(internal)?;
+    let text = Recipe::embedded("mini").ok_or_else(|| Failure::internal("no recipe mini"))?;
+    let recipe = Recipe::from_json(text)?;
     Builder::open_with(files.clone(), recipe, VerifierChoice::Network.load()?)?.run(None, None, |_| ())?;
-    let splits = files.manifest()?.splits;
-    Ok(splits.into_iter().map(|split| split.digest).collect())
+    let only = files.manifest()?.splits.into_iter().next();
+    Ok(only.ok_or_else(|| Failure::internal("the recipe mini has no split"))?.digest)
 }
+
+/// Receives agent, phase and end of each episode.
+pub type OnEnd<'a> = dyn FnMut(ReferenceAgent, &str, &EpisodeEnd) + Send + 'a;
 
 /// Plays the calibration phases on a server with reference agents; calls `on_end` after every episode.
 ///
@@ -188,15 +193,19 @@ pub fn build_dataset(folder: &Path) -> Result<String, Failure> {
 pub async fn play(
     server: &CalibrationServer,
     agents: &[ReferenceAgent],
-    on_end: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
+    on_end: &mut OnEnd<'_>,
 ) -> Result<Calibration, Failure> {
     let link = ConnectOptions { ca: server.ca.clone(), ..ConnectOptions::default() };
     let client =
         Client::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
     let benchmark = client.server_info().await.map_err(Failure::run)?.benchmark;
+    let hosted = client.phases().await.map_err(Failure::run)?;
+    if let Some(missing) = PHASES.iter().find(|phase| hosted.iter().all(|known| known.id != phase.id)) {
+        return Err(not_open(format!("the server does not host the phase {}", missing.id)));
+    }
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
-        for phase in agent.phases() {
+        for phase in PHASES {
             runs.push(play_one(&client, agent, phase.id, on_end).await?);
         }
     }
@@ -207,7 +216,7 @@ async fn play_one(
     client: &Client,
     reference: ReferenceAgent,
     phase: &str,
-    on_end: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
+    on_end: &mut OnEnd<'_>,
 ) -> Result<CalibrationRun, Failure> {
     let options = RunOptions::new(phase, format!("{} (calibration)", reference.name()));
     let options = options.method_version(env!("CARGO_PKG_VERSION")).order(reference.order());
@@ -215,7 +224,7 @@ async fn play_one(
     let mut agent = reference.agent();
     let mut ends = Vec::new();
     let mut collect = |end: &EpisodeEnd| {
-        on_end(reference, end);
+        on_end(reference, phase, end);
         ends.push(end.clone());
     };
     evaluate_with(client, &run, Sensors::square(SIDE), &mut agent, &mut collect)
@@ -223,12 +232,16 @@ async fn play_one(
         .map_err(Failure::run)?;
     let episodes: Vec<CalibrationEpisode> = ends.iter().zip(agent.digests()).map(episode).collect();
     if episodes.iter().any(|episode| episode.metrics.is_empty()) {
-        return Err(Failure::new(FailureKind::Run, "the server does not return metrics of episodes")
-            .hinted("the organiser can open the phase with: avln lab calibrate --open"));
+        return Err(not_open("the server does not return metrics of episodes"));
     }
     let means = means(&episodes);
     let (agent, order) = (reference.name().to_owned(), reference.order().to_string());
     Ok(CalibrationRun { agent, phase: phase.to_owned(), order, episodes, means })
+}
+
+fn not_open(message: impl std::fmt::Display) -> Failure {
+    let hint = "the organiser can open the calibration phases with: avln lab calibrate --open";
+    Failure::new(FailureKind::Run, message).hinted(hint)
 }
 
 fn episode((end, sensed): (&EpisodeEnd, String)) -> CalibrationEpisode {
@@ -251,11 +264,13 @@ pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> 
         let (own, other) = (&found.benchmark, &published.benchmark);
         lines.push(format!("the server has benchmark {own}, published is {other}"));
     }
-    if let (Some(own), other) = (&found.dataset, &published.dataset)
-        && Some(own) != other.as_ref()
+    if let Some(own) = &found.dataset
+        && published.dataset.as_ref() != Some(own)
     {
-        let other = other.as_deref().unwrap_or("none");
-        lines.push(format!("the data set mini has digest {own}, published is {other}"));
+        let other = published.dataset.as_deref().unwrap_or("none");
+        lines.push(format!(
+            "the data set mini, verified by the network, has digest {own}, published is {other}"
+        ));
     }
     for run in &found.runs {
         let name = format!("{} {}, phase {}", run.agent, run.order, run.phase);
@@ -361,13 +376,14 @@ mod tests {
     fn published_values_are_current_and_complete() {
         let published = published().unwrap();
         assert!(is_current(&published), "publish again: AVLN_BLESS=1 cargo test -p avln-tests calibration");
-        let runs =
-            published.runs.iter().map(|run| (run.agent.as_str(), run.phase.as_str(), run.episodes.len()));
+        let runs = published.runs.iter();
+        let runs: Vec<_> =
+            runs.map(|run| (run.agent.as_str(), run.phase.as_str(), run.episodes.len())).collect();
         let wanted = ReferenceAgent::ALL.iter().flat_map(|agent| {
-            let phases = agent.phases().iter();
-            phases.map(|phase| (agent.name(), phase.id, phase.houses as usize * phase.missions))
+            PHASES.iter().map(|phase| (agent.name(), phase.id, phase.houses as usize * phase.missions))
         });
-        assert!(runs.eq(wanted) && published.dataset.is_some(), "{published:?}");
+        assert_eq!(runs, wanted.collect::<Vec<_>>());
+        assert!(published.dataset.is_some());
         assert_eq!(differences(&published, &published), Vec::<String>::new());
     }
 
@@ -375,7 +391,7 @@ mod tests {
     fn a_single_bit_is_a_difference() {
         let published = published().unwrap();
         let mut other = published.clone();
-        let value = other.runs[1].episodes[3].metrics.get_mut("soft_spl").unwrap();
+        let value = other.runs[2].episodes[3].metrics.get_mut("soft_spl").unwrap();
         *value = f64::from_bits(value.to_bits() + 1);
         let lines = differences(&other, &published);
         assert!(

@@ -89,9 +89,8 @@ impl Track {
 
     /// Returns the recipe of the only played split.
     pub(super) fn recipe(self, size: SuiteSize) -> Result<Recipe, Failure> {
-        let paper = Recipe::EMBEDDED.iter().find(|(name, _)| *name == "paper").map(|(_, text)| *text);
         let text = match self {
-            Self::Main | Self::Hard => paper.unwrap_or(SMALL_HOUSES),
+            Self::Main | Self::Hard => Recipe::embedded("paper").unwrap_or(SMALL_HOUSES),
             Self::Quick => SMALL_HOUSES,
         };
         let mut recipe = Recipe::from_json(text)?;
@@ -225,7 +224,7 @@ mod tests {
 
     #[test]
     fn main_split_is_that_of_the_paper_recipe() {
-        let whole = Recipe::EMBEDDED.iter().find(|(name, _)| *name == "paper").expect("the recipe").1;
+        let whole = Recipe::embedded("paper").expect("the recipe");
         let whole = Recipe::from_json(whole).expect("a recipe");
         let played = Track::Main.recipe(Track::Main.size()).expect("a recipe");
         let val = whole.splits.iter().find(|split| split.name == "val").expect("a split");

@@ -86,8 +86,7 @@ impl RecipeHouses {
         curriculum: Curriculum,
         cache: Option<Arc<dyn Cache>>,
     ) -> Result<Self, TrainingError> {
-        let text = Recipe::EMBEDDED.iter().find(|(known, _)| *known == name);
-        let (_, text) = text.ok_or_else(|| {
+        let text = Recipe::embedded(name).ok_or_else(|| {
             let known = names_with_training().join(", ");
             TrainingError::UnknownRecipe { name: name.to_owned(), known }
         })?;

@@ -42,7 +42,7 @@ pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, R
 /// Pixels of a row that are computed at once.
 const LANES: usize = 16;
 
-/// Returns rows with a border of [`REACH`] at both ends, filled up to a multiple of [`LANES`].
+/// Returns rows of `width` > 0 with a border of [`REACH`] at both ends, filled up to a multiple of [`LANES`].
 fn bordered<T: Copy>(values: impl Iterator<Item = T>, width: usize, border: T) -> Vec<T> {
     let mut values = values.peekable();
     let mut rows = Vec::new();
@@ -79,26 +79,26 @@ fn lanes<T>(values: &[T], at: usize) -> &[T; LANES] {
 
 /// Squared colour differences per entry in the table of weights.
 const STEP: u32 = 64;
-/// Largest difference with a weight, entries.
-const MOST_STEPS: u32 = 256;
+/// Entry without weight, for all larger differences.
+const NO_WEIGHT: u32 = 256;
 
 /// Returns weights by the squared difference of two colours in the guide. The sums over a window stay below 2^32.
-fn colour_weights() -> [u32; MOST_STEPS as usize + 1] {
+fn colour_weights() -> [u32; NO_WEIGHT as usize + 1] {
     const EQUAL: f32 = 1000.0;
     let weight = |square: f32| EQUAL * libm::expf(-0.5 * square / (SAME_COLOUR * SAME_COLOUR));
     std::array::from_fn(|step| match step as u32 {
-        MOST_STEPS => 0,
+        NO_WEIGHT => 0,
         step => weight((step * STEP) as f32) as u32,
     })
 }
 
-/// The weighted mean colour of every pixel's surface within `reach` pixels to each side: bytes as in an image.
+/// The weighted mean colour of every pixel's surface within `reach` pixels to each side, at most [`REACH`]: interleaved red, green and blue.
 struct WindowMeans<'a> {
     size: [usize; 2],
     image: &'a Channels,
     depth_m: &'a [f32],
     guide: &'a Channels,
-    weights: &'a [u32; MOST_STEPS as usize + 1],
+    weights: &'a [u32; NO_WEIGHT as usize + 1],
     reach: usize,
 }
 
@@ -142,7 +142,7 @@ impl WindowMeans<'_> {
                         let difference = i32::from(here[channel][lane]) - i32::from(other[channel][lane]);
                         (difference * difference) as u32
                     };
-                    let step = ((square(0) + square(1) + square(2)) / STEP).min(MOST_STEPS);
+                    let step = ((square(0) + square(1) + square(2)) / STEP).min(NO_WEIGHT);
                     let weight = self.weights[step as usize];
                     // False for the border, whose depth is not a number.
                     let is_same = (other_m[lane] - here_m[lane]).abs() <= SAME_SURFACE * here_m[lane];
@@ -235,42 +235,58 @@ mod tests {
         assert!(mean < 8.0, "{mean}");
     }
 
+    /// Means by their definition, pixel by pixel.
+    fn plain_means(
+        [width, height]: [usize; 2],
+        pixels: &[[u8; 3]],
+        depths_m: &[f32],
+        guide: &[[u8; 3]],
+        reach: usize,
+    ) -> Vec<u8> {
+        let weights = colour_weights();
+        let weight = |here: usize, other: usize| {
+            let apart = [(other / width).abs_diff(here / width), (other % width).abs_diff(here % width)];
+            let is_same = (depths_m[other] - depths_m[here]).abs() <= SAME_SURFACE * depths_m[here];
+            let is_near = apart.iter().all(|pixels| *pixels <= reach);
+            let squares = guide[here].iter().zip(guide[other]).map(|(a, b)| u32::from(a.abs_diff(b)).pow(2));
+            let step = (squares.sum::<u32>() / STEP).min(NO_WEIGHT);
+            if is_near && is_same { weights[step as usize] } else { 0 }
+        };
+        let mean = |here: usize| {
+            let weights: Vec<u32> = (0..width * height).map(|other| weight(here, other)).collect();
+            let total: u32 = weights.iter().sum();
+            [0, 1, 2].map(|channel| {
+                let levels = pixels.iter().map(|pixel| u32::from(pixel[channel]));
+                let sum: u32 = weights.iter().zip(levels).map(|(weight, level)| weight * level).sum();
+                ((sum + total / 2) / total.max(1)) as u8
+            })
+        };
+        (0..width * height).flat_map(mean).collect()
+    }
+
     #[test]
     fn means_match_the_definition_at_every_vector_width() {
-        // A row is longer than a vector, but not a multiple of it.
-        let size @ [width, height] = [21, 9];
-        let byte = |index: usize| (index * 7919 % 251) as u8;
-        let pixels: Vec<[u8; 3]> =
-            (0..width * height).map(|pixel| [0, 1, 2].map(|channel| byte(3 * pixel + channel))).collect();
-        let depths_m: Vec<f32> = (0..width * height).map(|pixel| [1.0, 1.02, 2.0, 0.0][pixel % 4]).collect();
-        let plain = |here: usize| {
-            let near = |other: &usize| {
-                let apart = [(other / width).abs_diff(here / width), (other % width).abs_diff(here % width)];
-                let is_same = (depths_m[*other] - depths_m[here]).abs() <= SAME_SURFACE * depths_m[here];
-                apart.iter().all(|pixels| *pixels <= GUIDE_REACH) && is_same
-            };
-            let others: Vec<usize> = (0..width * height).filter(near).collect();
-            let sum = |channel: usize| {
-                others.iter().map(|pixel| usize::from(pixels[*pixel][channel])).sum::<usize>()
-            };
-            [0, 1, 2].map(|channel| ((sum(channel) + others.len() / 2) / others.len()) as u8)
-        };
-        let (image, black) =
-            (Channels::new(pixels.as_flattened(), width), Channels::new(&[0; 3 * 21 * 9], width));
-        let (depth_m, weights) = (bordered(depths_m.iter().copied(), width, f32::NAN), colour_weights());
-        for vectors in [Width::Portable, Width::Eight, Width::Sixteen] {
-            let means = |guide, reach| WindowMeans {
-                size,
-                image: &image,
-                depth_m: &depth_m,
-                guide,
-                weights: &weights,
-                reach,
-            };
-            let plainly: Vec<[u8; 3]> = (0..width * height).map(plain).collect();
-            assert_eq!(run_at(vectors, means(&black, GUIDE_REACH)).as_chunks().0, plainly, "{vectors:?}");
-            let guided = run_at(vectors, means(&image, REACH));
-            assert_eq!(guided, run_at(Width::Portable, means(&image, REACH)), "{vectors:?}");
+        let depth_m = |pixel: usize| [1.0, 1.02, 2.0, 0.0, f32::NAN, f32::INFINITY, 1.01][pixel % 7];
+        // Rows shorter and longer than a vector, and whole vectors.
+        for size @ [width, height] in [[3, 4], [16, 5], [21, 9], [32, 8]] {
+            let count = width * height;
+            let pixels: Vec<[u8; 3]> = (0..count)
+                .map(|pixel| {
+                    [0, 1, 2].map(|channel| ((3 * pixel + channel) * 7919 % 97) as u8 + channel as u8)
+                })
+                .collect();
+            let depths_m: Vec<f32> = (0..count).map(depth_m).collect();
+            let bordered_m = bordered(depths_m.iter().copied(), width, f32::NAN);
+            let (image, weights) = (Channels::new(pixels.as_flattened(), width), colour_weights());
+            for (guide, reach) in [(vec![[0; 3]; count], GUIDE_REACH), (pixels.clone(), REACH)] {
+                let wanted = plain_means(size, &pixels, &depths_m, &guide, reach);
+                let guide = Channels::new(guide.as_flattened(), width);
+                for vectors in [Width::Portable, Width::Eight, Width::Sixteen] {
+                    let (depth_m, weights) = (&bordered_m, &weights);
+                    let means = WindowMeans { size, image: &image, depth_m, guide: &guide, weights, reach };
+                    assert_eq!(run_at(vectors, means), wanted, "{size:?} {vectors:?}");
+                }
+            }
         }
     }
 

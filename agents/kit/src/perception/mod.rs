@@ -269,7 +269,7 @@ impl Recognition for NetworkRecognition {
 
     fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
-        // A view from almost the same pose would count the same evidence twice, and an image takes 10 ms (AVX-512) to 30 ms.
+        // A view from almost the same pose would count the same evidence twice, and an image takes 7 ms (AVX-512) to 31 ms.
         if self.last.is_some_and(|last| last.sees_like(pose)) {
             return None;
         }

@@ -92,6 +92,11 @@ impl Recipe {
     pub const EMBEDDED: [(&str, &str); 2] =
         [("paper", include_str!("../recipes/paper.json")), ("mini", include_str!("../recipes/mini.json"))];
 
+    /// Returns an embedded recipe's JSON.
+    pub fn embedded(name: &str) -> Option<&'static str> {
+        Self::EMBEDDED.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+    }
+
     /// Most scenes per split.
     const MAX_SCENES: usize = 100_000;
     /// Most missions per scene: numbers have four digits.

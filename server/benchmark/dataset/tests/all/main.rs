@@ -30,8 +30,7 @@ use std::{
 
 /// Returns an embedded recipe.
 fn recipe(name: &str) -> Recipe {
-    let embedded = Recipe::EMBEDDED.into_iter().find(|(known, _)| *known == name);
-    Recipe::from_json(embedded.expect("it is embedded").1).expect("a recipe")
+    Recipe::from_json(Recipe::embedded(name).expect("it is embedded")).expect("a recipe")
 }
 
 fn mini() -> Vec<BuiltScene> {
