@@ -1,13 +1,12 @@
 //! The agent: memories of an episode, updated with every observation.
 
 use crate::candidate::Decision;
-use crate::memory::{Aim, PendingSubmit, StoreyMemory};
+use crate::memory::{Aim, PendingSubmit, SourceMemory, StoreyMemory};
 use crate::mission::{GoalPairing, MissionState};
 use crate::preset::{Ablation, Preset};
 use crate::stairs::StairClimber;
 use crate::trace::lines::TraceInput;
 use crate::trace::{Recorder, TraceError};
-use crate::verify::Warrant;
 use crate::weights::Weights;
 use avln_client::{
     Action, Agent, DepthImage, MethodType, Mission, Observation, Order, SilenceRule, SoundingRule, TaskSpec,
@@ -56,7 +55,7 @@ pub struct PagNav {
     pub(crate) focus: Option<usize>,
     pub(crate) pending: Option<PendingSubmit>,
     /// The last claim and the last known outcome, of the current step only.
-    pub(crate) claimed: Option<Warrant>,
+    pub(crate) claimed: bool,
     pub(crate) outcome: Option<(PendingSubmit, bool)>,
     /// Levels since the current window began.
     pub(crate) levels: Vec<f32>,
@@ -122,7 +121,7 @@ impl PagNav {
             aim: None,
             focus: None,
             pending: None,
-            claimed: None,
+            claimed: false,
             outcome: None,
             levels: Vec::new(),
             searched_steps: 0,
@@ -278,11 +277,15 @@ impl PagNav {
         let is_counted = self.weights.switches.count_windows;
         if self.pending.is_some_and(|pending| pending.heard.is_some()) {
             // The sound belongs to the pending source or, after a find, to the next one: only the outcome decides.
+            self.restart_acoustic_memory();
             return self.schedule.defer();
         }
         let source = if is_counted { self.schedule.advance() } else { Some(0) };
         if is_counted && self.schedule.is_first() {
             self.levels.clear();
+        }
+        if !is_counted || self.schedule.is_first() {
+            self.restart_acoustic_memory();
         }
         let Some(heard) = heard else { return };
         self.decision.heard = Some((source.filter(|_| is_counted), heard));
@@ -298,13 +301,18 @@ impl PagNav {
         }
     }
 
-    /// Updates A_int, and A_bear of all open goals: a sound does not identify its goal, unless its source is known as another's.
-    fn remember(&mut self, heard: &HeardSound, source: Option<usize>, pose: &Pose2d) {
-        let restarts = !self.weights.switches.count_windows || self.schedule.is_first();
-        if self.ablation.no_acoustic_memory && restarts {
+    /// Forgets all sounds in the ablation without acoustic memory.
+    fn restart_acoustic_memory(&mut self) {
+        if self.ablation.no_acoustic_memory {
             self.here.intensity = IntensityMemory::default();
             self.here.bearings.iter_mut().for_each(BearingMemory::clear);
+            self.here.sources.iter_mut().for_each(|source| *source = SourceMemory::default());
+            (0..self.here.sources.len()).for_each(|source| self.pairing.forget(source));
         }
+    }
+
+    /// Updates A_int, and A_bear of all open goals: a sound does not identify its goal, unless its source is known as another's.
+    fn remember(&mut self, heard: &HeardSound, source: Option<usize>, pose: &Pose2d) {
         self.here.intensity.hear(pose.place, heard.level);
         let is_another = source.is_some_and(|source| self.is_of_another_goal(source));
         for goal in self.mission.open().filter(|&goal| !is_another || !self.mission.is_active(goal)) {
@@ -352,7 +360,7 @@ impl Agent for PagNav {
     fn act(&mut self, observation: &Observation) -> Action {
         let pose = Pose2d::new(&observation.pose);
         self.decision = Decision::default();
-        (self.claimed, self.outcome) = (None, None);
+        (self.claimed, self.outcome) = (false, None);
         self.perceive(observation, &pose);
         let action = self.decide(&pose);
         self.motion.record(action, &pose);

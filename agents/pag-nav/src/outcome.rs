@@ -123,7 +123,7 @@ impl PagNav {
             let Candidate { object, goal, .. } = *candidate;
             self.pending = Some(PendingSubmit { object: Some(object), goal, source, heard });
         }
-        self.claimed = Some(warrant);
+        self.claimed = true;
         action
     }
 

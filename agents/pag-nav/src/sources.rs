@@ -2,7 +2,6 @@
 
 use crate::agent::PagNav;
 use crate::candidate::Evidence;
-use crate::memory::SourceMemory;
 use avln_kit::LOOK_M;
 use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::hearing::HeardSound;
@@ -18,9 +17,6 @@ const BESIDE_SHARE: f32 = 0.3;
 impl PagNav {
     /// Adds a sound to the belief about its source.
     pub(crate) fn locate_source(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
-        if self.ablation.no_acoustic_memory && self.schedule.is_first() {
-            self.here.sources[index] = SourceMemory::default();
-        }
         let map = &self.here.map;
         let source = &mut self.here.sources[index];
         let field = self.field.take().filter(|field| field.listener() == pose.place);
@@ -149,6 +145,7 @@ impl PagNav {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::memory::SourceMemory;
     use crate::preset::Preset;
     use avln_client::{Agent, Mission, TaskSpec};
 

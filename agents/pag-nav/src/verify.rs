@@ -111,7 +111,7 @@ impl SubmitGate {
 }
 
 /// The permission for one claim. Only an open [`SubmitGate`] creates it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(crate) struct Warrant(());
 
 impl Warrant {

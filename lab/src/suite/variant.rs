@@ -6,7 +6,7 @@ use avln_baselines::{Baseline, RandomAgent};
 use avln_client::{Action, Agent, MethodType, Mission, Observation, Sensors, TaskSpec};
 use avln_kit::onnx::{OnnxRecognition, SharedFailure};
 use avln_kit::perception::{ClassicalRecognition, HintRecognition};
-use avln_pag_nav::{Ablation, PagNav, Preset, Recorder, Switch, Weights};
+use avln_pag_nav::{Ablation, PagNav, Preset, Recorder, Switch, Switches, Weights};
 use clap::ValueEnum;
 use std::{path::Path, sync::Arc};
 
@@ -75,6 +75,8 @@ pub enum AgentVariant {
     PagNavPlusNoStairs,
     /// PAG-Nav+ without a lower visual floor at located sources.
     PagNavPlusNoHeardFloor,
+    /// PAG-Nav+ without any extension: PAG-Nav with its weights.
+    PagNavPlusNoExtensions,
     /// PAG-Nav+ with true sound positions; privileged.
     PagNavPlusTrueSounds,
     /// PAG-Nav+ with true visible targets; privileged.
@@ -111,6 +113,8 @@ enum Removed {
     Switch(Switch),
     /// The lower visual floor at a located source.
     HeardFloor,
+    /// All switches.
+    Extensions,
     Network,
 }
 
@@ -234,6 +238,9 @@ impl AgentVariant {
                 let weights = preset.weights();
                 PagNav::new(Weights { verify_floor: weights.verify_unheard, ..weights })
             }
+            Some(Removed::Extensions) => {
+                PagNav::new(Weights { switches: Switches::default(), ..preset.weights() })
+            }
             Some(Removed::Switch(switch)) => {
                 let weights = preset.weights();
                 PagNav::new(Weights { switches: weights.switches.without(switch), ..weights })
@@ -271,6 +278,7 @@ impl AgentVariant {
             Self::PagNavPlusNoAssociation => Some(Removed::Switch(Switch::JointAssociation)),
             Self::PagNavPlusNoStairs => Some(Removed::Switch(Switch::Stairs)),
             Self::PagNavPlusNoHeardFloor => Some(Removed::HeardFloor),
+            Self::PagNavPlusNoExtensions => Some(Removed::Extensions),
             _ => None,
         }
     }
@@ -327,7 +335,7 @@ mod tests {
              pag-nav-no-object-memory pag-nav-no-search-sound detector snapshot frontier forward-and-turn \
              pag-nav-plus-no-network pag-nav-plus-no-positions pag-nav-plus-no-windows \
              pag-nav-plus-no-direct pag-nav-plus-no-association pag-nav-plus-no-stairs \
-             pag-nav-plus-no-heard-floor pag-nav-plus-true-sounds pag-nav-plus-true-sight \
+             pag-nav-plus-no-heard-floor pag-nav-plus-no-extensions pag-nav-plus-true-sounds pag-nav-plus-true-sight \
              pag-nav-plus-true-sight-no-object-memory pag-nav-plus-true-sight-no-search-sound";
         assert_eq!(names.join(" "), published);
         let mut baselines: Vec<Baseline> =

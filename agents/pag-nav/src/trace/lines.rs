@@ -4,7 +4,7 @@ use crate::candidate::{Candidate, Decision, Stage};
 use crate::memory::{PendingSubmit, StoreyMemory};
 use crate::mission::MissionState;
 use crate::preset::Ablation;
-use crate::verify::{SubmitGate, Warrant};
+use crate::verify::SubmitGate;
 use crate::weights::Weights;
 use avln_client::{Action, GoalCue, Mission, Observation};
 use avln_kit::geometry::FloorPoint;
@@ -27,7 +27,7 @@ pub(crate) struct TraceInput<'a> {
     pub(crate) mission: &'a MissionState,
     pub(crate) schedule: &'a SoundSchedule,
     pub(crate) focus: Option<usize>,
-    pub(crate) claimed: Option<Warrant>,
+    pub(crate) claimed: bool,
     pub(crate) outcome: Option<(PendingSubmit, bool)>,
     pub(crate) decision: &'a Decision,
 }
@@ -360,7 +360,7 @@ impl TracedState {
             !agent.is_silent(source) && agent.memory.sources[source].is_located(agent.weights)
         };
         let outcome = agent.outcome.map(|(pending, found)| pending.settled(found));
-        let claim = agent.claimed.and(agent.decision.candidate).map(|candidate| {
+        let claim = agent.decision.candidate.filter(|_| agent.claimed).map(|candidate| {
             let Candidate { source, goal, object, .. } = candidate;
             TraceEvent::Claimed { source, goal, object }
         });

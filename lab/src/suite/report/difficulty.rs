@@ -17,7 +17,8 @@ pub(super) fn difficulty_section(track: &TrackResults<'_>) -> PageSection {
     };
     section.text = "## Question 1: difficulty for methods of different types\n\nThe best method of each type by mean SR over both \
          orders, without ablations and privileged agents; and the differences in SR to the best of all methods on common \
-         missions. The selection of the best favours it.\n\n\
+         missions. The selection of the best favours it. A type is represented by its agents on this page; for the models of \
+         `pag-nav-models` see [models.md](models.md).\n\n\
          | type | best method | SR ordered | SR unordered |\n|---|---|---|---|\n"
         .to_owned();
     for (method_type, variant) in &best_of_types {
@@ -115,14 +116,13 @@ fn answer(
     contrasts: &[Contrast],
 ) -> String {
     let others = best_of_types.iter().filter(|(_, variant)| *variant != best);
-    let others: Vec<String> = others.map(|(method_type, _)| method_type.clone()).collect();
+    let others: Vec<String> = others.map(|(_, variant)| variant.name()).collect();
     let unsure: Vec<String> =
         contrasts.iter().filter(|contrast| !contrast.test.is_significant()).map(Contrast::name).collect();
     let verdict = match (contrasts.is_empty(), unsure.is_empty()) {
         (true, _) => "no other type has results".to_owned(),
         (false, true) => {
-            let methods = if others.len() == 1 { "method" } else { "methods" };
-            format!("the differences to the best {} {methods} are significant", list(&others))
+            format!("the differences to {} (the best of other types) are significant", list(&others))
         }
         (false, false) => format!("these differences are not significant: {}", list(&unsure)),
     };

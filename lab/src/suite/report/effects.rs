@@ -230,6 +230,7 @@ const MEMORIES: [[&str; 2]; 4] = [
     ["", "no-acoustic-memory"],
     ["", "no-map"],
 ];
+const MEMORY_NOTE: &str = "\nThe paper's memory consists of rooms, objects and sounds; *no-map* removes the occupancy map instead.\n";
 const MODALITY_PAIRS: [(Modality, Modality); 3] = [
     (Modality::Description, Modality::Category),
     (Modality::Image, Modality::Category),
@@ -263,6 +264,9 @@ pub(super) fn factors_section(track: &TrackResults<'_>) -> PageSection {
     );
     for Factor { name, contrasts } in factors.iter().filter(|factor| !factor.contrasts.is_empty()) {
         let _ = write!(section.text, "\n### Effect of {name}\n\n{}", contrast_table(contrasts, "ISR"));
+        if *name == "memory" {
+            section.text += MEMORY_NOTE;
+        }
     }
     let rows = factors.iter().flat_map(|factor| chart_rows(&factor.contrasts)).collect();
     let title = format!("Differences in ISR, of {full} unless another agent is named");
@@ -349,7 +353,7 @@ fn factors_answer(full: &str, factors: &[Factor]) -> String {
                 let significant = contrasts.iter().filter(|contrast| contrast.test.is_significant()).count();
                 let (name_of, words) = (largest.name(), largest.words());
                 found.push(format!(
-                    "{name} ({significant} of {}; largest: {name_of}, {words})",
+                    "{name} ({significant} of {} differences; largest: {name_of}, {words})",
                     contrasts.len()
                 ));
             }
