@@ -89,6 +89,7 @@ async fn other_phases_of_those_names_are_found_out() {
     let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
     assert_eq!(code, Some(6), "{text}");
     assert!(text.contains("2 episodes, published are 12") && text.contains("not calibrated"), "{text}");
+    assert!(text.contains("random ordered, phase calibration-hard, episode 1:"), "{text}");
     let (code, text) = calibrate(place.path(), &["--open"]);
     assert!(code == Some(5) && text.contains("exists with other missions"), "{text}");
 }

@@ -207,13 +207,15 @@ impl PagNav {
     }
 
     /// Swaps the memories when the body reaches another storey: what was mapped below does not apply above.
-    fn change_storey(&mut self, height_m: f32) {
+    pub(crate) fn change_storey(&mut self, height_m: f32) {
         self.stairs.height_m = height_m;
         if self.storeys.is_on(height_m) {
             return;
         }
         let (goals, sources) = (self.mission.goals(), self.here.sources.len());
         self.storeys.enter(height_m, &mut self.here, || StoreyMemory::new(goals, sources));
+        // The sounds in the memory of a known storey are older than the present window.
+        self.restart_acoustic_memory();
         // Fits are forgotten below, so the sources must be viewed again.
         self.here.sources.iter_mut().for_each(|source| (source.sought_steps, source.looks) = (0, 0));
         self.follower = PathFollower::default();
@@ -273,7 +275,7 @@ impl PagNav {
     }
 
     /// Adds the acoustic cues to the memory.
-    fn listen(&mut self, heard: Option<HeardSound>, pose: &Pose2d) {
+    pub(crate) fn listen(&mut self, heard: Option<HeardSound>, pose: &Pose2d) {
         let is_counted = self.weights.switches.count_windows;
         if self.pending.is_some_and(|pending| pending.heard.is_some()) {
             // The sound belongs to the pending source or, after a find, to the next one: only the outcome decides.
@@ -306,8 +308,7 @@ impl PagNav {
         if self.ablation.no_acoustic_memory {
             self.here.intensity = IntensityMemory::default();
             self.here.bearings.iter_mut().for_each(BearingMemory::clear);
-            self.here.sources.iter_mut().for_each(|source| *source = SourceMemory::default());
-            (0..self.here.sources.len()).for_each(|source| self.pairing.forget(source));
+            self.here.sources.iter_mut().for_each(SourceMemory::forget_sounds);
         }
     }
 

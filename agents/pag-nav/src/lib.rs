@@ -6,12 +6,12 @@
 //! | formula of the paper | function or type |
 //! |---|---|
 //! | Psi_t = P(o_t, G), s_vis | `Recognition::see` and `Recognition::fit` of `avln_kit`: by default probability of the category, colour, size and shape words; for goal images, similarity of embeddings and views |
-//! | z_i = phi(q_i) | `Query::new` of `avln_kit`: category, size, colours, neighbours and room by words, without an embedding; for images the embedding of the central object, or layout and colours of the view if there is none |
+//! | z_i = phi(q_i) | `Query::new` of `avln_kit`: category, size, colours, neighbours and room by words, without an embedding; for images layout and colours of the view, and the embedding and category of the central object if there is one |
 //! | Psi_aud | `avln_kit::hearing::Ear::hear` and `bearings_rad` |
 //! | M_t = U(M_{t-1}, Psi_t, p_t, S_t) | `PagNav::perceive` in `agent.rs`; `StoreyMemory` in `memory.rs` is M_t of one storey |
 //! | R_t, Psi_room, r(x) | `avln_kit::map::RoomMemory`: `see` adds the room cue of a frame, `around` returns r(x) |
 //! | O_t, O_t(g) | `avln_kit::map::ObjectMemory::recognise`; `PagNav::select` filters by `associate` |
-//! | A_int(l, x) = max(A_int(l, x), rho) | `avln_kit::map::IntensityMemory::hear`, cells of 0.5 m; l is the storey |
+//! | A_int(l, x) = max(A_int(l, x), rho) | `avln_kit::map::IntensityMemory::hear`, cells of 0.5 m; l, not defined in the paper, is the storey |
 //! | A_bear(g) = A_bear(g) ∪ {(p, beta, rho)} | `avln_kit::map::BearingMemory::hear`, re-weighted by `weigh` |
 //! | F_t, reachable | `Occupancy::frontiers` and `avln_kit::path::ReachField`, in `PagNav::best_frontier` |
 //! | S_search, x* | `PagNav::search_score`, `PagNav::best_frontier` in `search.rs` |
@@ -26,7 +26,7 @@
 //! | S_t | `mission::MissionState` |
 //!
 //! Choices and deviations:
-//! - A frame is not recognised within 0.45 m and 0.8 rad of the last recognised one, unless it may show the candidate from near.
+//! - Network and models skip a frame within 0.45 m and 0.8 rad of the last recognised one, unless it may show the candidate from near.
 //! - A sound does not identify its goal: A_bear receives each sound for all open goals, and older ones weigh less, since sources
 //!   alternate. s_aud uses the direction from the place of hearing, for the current sound the agent, to the frontier. Two ears do not
 //!   separate front from back: the better of both directions counts.
@@ -43,16 +43,18 @@
 //!   long, until the rest was searched or the last `hurry_steps` begin.
 //! - lambda_a has a value for each formula, `search_audio` and `ground_audio`. s_int is the intensity memory near the candidate, equal
 //!   for all goals. If a cue names a room, P_room is the probability of this room, otherwise that of the category in such a room.
-//! - Psi_room is a table of room types by the objects detected so far, P_ctx the mean of the priors of rooms and objects. Bearings through
-//!   explored space without a candidate weigh as little as a fifth, and s_aud also weighs by level.
-//! - If a cue names a neighbour, only this neighbour counts in P_obj. Without evidence P_obj is 0.3, more than that of unlikely
-//!   pairs; P_room is then the mean over the room types, 0.1 for a named room. Frontiers with fewer than four border cells in a block
-//!   of ten by ten are dropped.
-//! - The gate measures distance, bearing and sight to the nearest point of the candidate's box, with an estimated source to the point
-//!   nearest to it, within 0.3 m to the centre. The box is merged from all detections of the object: the part in the current frame, which
-//!   V verifies, may be farther away.
-//! - V, and stage Verify, also need `verify_looks` near views at least 0.2 m apart with a mean s_vis of at least the floor; only candidates
-//!   with S_ground of at least `plausible` are compared. A candidate without a viewpoint is set aside at the end of the path to it.
+//! - Psi_room is a table of room types by the objects in the frame, with their categories merged over all frames, P_ctx the mean of the
+//!   priors of rooms and objects. Bearings through explored space without a candidate weigh as little as a fifth, and s_aud also weighs
+//!   by level.
+//! - If a cue names a neighbour, only this neighbour counts in P_obj. Without evidence P_obj is 0.3, more than that of unlikely pairs;
+//!   P_room is then the mean over the room types, 0.1 for a named room, and 0.3 without a known category. Frontiers with fewer than
+//!   four border cells in a block of ten by ten are dropped.
+//! - The gate measures distance, bearing and sight to the nearest point of the candidate's box, or to its centre from within 0.3 m of
+//!   the box; with an estimated source to the point of the box nearest to the source. The box is merged from all detections of the
+//!   object: the part in the current frame, which V verifies, may be farther away.
+//! - V also needs `verify_looks` near views at least 0.2 m apart, fewer after a long search or near the end; stage Verify needs these
+//!   views and a mean s_vis of at least the floor. Only candidates with S_ground of at least `plausible` are compared. A candidate
+//!   without another viewpoint is set aside if none was reached at the end of the path to it.
 //! - Without a verdict, a goal counts as completed after its Submit. The object of a completed goal or a wrong verdict is no candidate any
 //!   more.
 //! - With one open goal, or without a remaining Submit, the verified claim is a Stop: an N-th Submit is never sent. Without a
@@ -60,9 +62,10 @@
 //!
 //! [`Preset::PagNavPlus`] adds the extensions in [`Switches`] and has other weights: `search_tie`, `ground_vis`, `ground_context`,
 //! `ground_audio`, `plausible`, `verify_floor`, `submit_m`, `hurry_steps` and `source_steps`. In both presets, every Submit and Stop
-//! follows a verification in the current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates
-//! these actions, and only an open gate creates a `Warrant`, or the ablation `no_gate`. Patience and hurry lower the number of looks, never the floor. Without a
-//! located source at the candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself.
+//! follows a verification in the current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim`
+//! creates these actions, and only an open gate creates a `Warrant`, or the ablation `no_gate`. Patience and hurry lower the number of
+//! looks, never the floor. Without a located source at the candidate, the floor is the higher `verify_unheard`. Sound never completes a
+//! goal by itself.
 //!
 //! With `silence_outcomes`, if found targets fall silent, an open gate also waits for sound:
 //! - A located source that supports the candidate suffices, at the start of its turn only after three steps. Otherwise the current

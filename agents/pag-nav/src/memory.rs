@@ -57,6 +57,11 @@ pub(crate) struct SourceMemory {
 }
 
 impl SourceMemory {
+    /// Forgets all sounds and the estimate; views, effort and failed Submits stay.
+    pub(crate) fn forget_sounds(&mut self) {
+        (self.belief, self.estimate, self.intensity) = Default::default();
+    }
+
     /// Sets the estimate. Returns true, and resets the looks, if it left the viewed position.
     pub(crate) fn locate(&mut self, estimate: Option<SourceEstimate>) -> bool {
         const SAME_M: f32 = 1.0;

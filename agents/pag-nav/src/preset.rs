@@ -46,15 +46,17 @@ impl Preset {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Switches {
-    /// Estimates the positions of sound sources from bearings and levels. s_aud becomes the nearness of the frontier to the chosen source;
-    /// s_int that of the candidate to a source, times its certainty, loudness and agreement. A located source at a candidate lowers the floor of s_vis from
+    /// Estimates the positions of sound sources from bearings and levels. s_aud becomes the nearness of the frontier to the chosen
+    /// source, if its certainty is at least `vague`; s_int that of the candidate to a source, times its certainty, loudness and
+    /// agreement. A located source at a candidate lowers the floor of s_vis from
     /// `verify_unheard` to `verify_floor`. A near source extends the search on the storey, distant ones shorten it.
     pub source_positions: bool,
     /// Counts sounding windows to separate the sources.
     pub count_windows: bool,
     /// Walks straight to an estimated source; needs source_positions.
     pub direct_approach: bool,
-    /// Pairs sources and goals jointly in ordered missions, and in all missions with distractor sources; needs source_positions and count_windows.
+    /// Pairs sources and goals jointly in ordered missions, and in all missions with distractor sources; needs source_positions and
+    /// count_windows.
     pub joint_association: bool,
     /// Searches other storeys by known stairs.
     pub stairs: bool,
@@ -140,8 +142,8 @@ pub struct Ablation {
     pub no_object_memory: bool,
     /// One look verifies, as without object memory.
     pub no_second_look: bool,
-    /// No acoustic memory: only the current sound, or the current window if windows are counted. Sounds before it, and what they told
-    /// about positions of sources, are forgotten.
+    /// No acoustic memory: only the current sound, or the current window if windows are counted. Earlier sounds are forgotten, with
+    /// the estimates of sources; while an outcome is open, all. Outcomes, views and effort at sources are kept.
     pub no_acoustic_memory: bool,
     /// No accumulated map: only the free floor and obstacles of the current view.
     pub no_map: bool,

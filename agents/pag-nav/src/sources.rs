@@ -145,9 +145,11 @@ impl PagNav {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::memory::SourceMemory;
+    use crate::memory::{PendingSubmit, SourceMemory};
+    use crate::preset::Ablation;
     use crate::preset::Preset;
     use avln_client::{Agent, Mission, TaskSpec};
+    use avln_kit::outcome::SubmitOutcome;
 
     fn agent() -> PagNav {
         let mut agent = PagNav::preset(Preset::PagNavPlus);
@@ -164,6 +166,33 @@ mod tests {
         assert_eq!(source.sought_steps, 200);
         source.approach(0.014);
         assert_eq!(source.sought_steps, 0);
+    }
+
+    #[test]
+    fn without_acoustic_memory_only_the_present_window_counts() {
+        for no_acoustic_memory in [false, true] {
+            let mut agent = agent();
+            agent.ablation = Ablation { no_acoustic_memory, ..Ablation::default() };
+            let is_known = |agent: &PagNav| [0, 1].map(|index| agent.here.sources[index].estimate.is_some());
+            let hear = |agent: &mut PagNav, steps: u32| {
+                let heard = HeardSound { itd_s: 0.0, level: 0.1 };
+                (0..steps).for_each(|_| agent.listen(Some(heard), &Pose2d::default()));
+            };
+            let window = agent.window_steps;
+            hear(&mut agent, window);
+            assert_eq!(is_known(&agent), [true, false]);
+            hear(&mut agent, window);
+            assert_eq!(is_known(&agent), [!no_acoustic_memory, true]);
+            [3.0, 0.0].into_iter().for_each(|height_m| agent.change_storey(height_m));
+            assert_eq!(is_known(&agent), [!no_acoustic_memory; 2]);
+            // The sound after a Submit belongs to an unknown source.
+            hear(&mut agent, 1);
+            let outcome = SubmitOutcome::new(agent.silence, 0, &agent.schedule, 0.1);
+            agent.pending =
+                Some(PendingSubmit { object: None, goal: 0, source: Some(0), heard: Some(outcome) });
+            hear(&mut agent, 1);
+            assert_eq!(is_known(&agent)[0], !no_acoustic_memory);
+        }
     }
 
     #[test]

@@ -192,7 +192,7 @@ pub(crate) struct CalibrateArgs {
     /// Account token on that server
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     token: Option<String>,
-    /// Play only this reference agent
+    /// Play only this reference agent, and build no data set
     #[arg(long, value_enum, value_name = "AGENT")]
     agent: Option<ReferenceAgent>,
     /// Open the calibration phases in the data folder, for its server, and exit

@@ -55,7 +55,7 @@ const MOST_STEPS: u32 = 150;
 pub struct Calibration {
     /// Benchmark version.
     pub benchmark: String,
-    /// Digest of the data set `mini`, built here with the network as verifier; `None` if only a remote server was played.
+    /// Digest of the data set `mini`, built here with the network as verifier; `None` for a remote server or a single agent.
     pub dataset: Option<String>,
     /// A run per reference agent and phase.
     pub runs: Vec<CalibrationRun>,
@@ -98,7 +98,7 @@ pub enum ReferenceAgent {
     Random,
     /// PAG-Nav.
     PagNav,
-    /// PAG-Nav with all extensions.
+    /// PAG-Nav with all extensions and other weights.
     PagNavPlus,
 }
 

@@ -19,9 +19,9 @@ pub enum AgentVariant {
     ShortestPath,
     /// Follows sound; blind.
     SoundFollower,
-    /// PAG-Nav, with the formulas as printed.
+    /// PAG-Nav, with the formulas of the paper.
     PagNav,
-    /// PAG-Nav with all extensions.
+    /// PAG-Nav with all extensions and other weights.
     PagNavPlus,
     /// PAG-Nav+ without hearing.
     PagNavPlusNoAudio,
@@ -75,7 +75,7 @@ pub enum AgentVariant {
     PagNavPlusNoStairs,
     /// PAG-Nav+ without a lower visual floor at located sources.
     PagNavPlusNoHeardFloor,
-    /// PAG-Nav+ without any extension: PAG-Nav with its weights.
+    /// PAG-Nav+ without any extension: PAG-Nav with the weights of PAG-Nav+.
     PagNavPlusNoExtensions,
     /// PAG-Nav+ with true sound positions; privileged.
     PagNavPlusTrueSounds,

@@ -92,7 +92,8 @@ fn colour_weights() -> [u32; NO_WEIGHT as usize + 1] {
     })
 }
 
-/// The weighted mean colour of every pixel's surface within `reach` pixels to each side, at most [`REACH`]: interleaved red, green and blue.
+/// The weighted mean colour of every pixel's surface within `reach` pixels to each side, at most [`REACH`]: red, green and blue by
+/// pixel.
 struct WindowMeans<'a> {
     size: [usize; 2],
     image: &'a Channels,
@@ -270,11 +271,11 @@ mod tests {
         // Rows shorter and longer than a vector, and whole vectors.
         for size @ [width, height] in [[3, 4], [16, 5], [21, 9], [32, 8]] {
             let count = width * height;
-            let pixels: Vec<[u8; 3]> = (0..count)
-                .map(|pixel| {
-                    [0, 1, 2].map(|channel| ((3 * pixel + channel) * 7919 % 97) as u8 + channel as u8)
-                })
-                .collect();
+            // Small differences, which have weights, and large ones.
+            let level =
+                |byte: usize, pixel: usize| (byte * 7919 % if pixel % 5 == 0 { 256 } else { 97 }) as u8;
+            let pixels: Vec<[u8; 3]> =
+                (0..count).map(|pixel| [0, 1, 2].map(|channel| level(3 * pixel + channel, pixel))).collect();
             let depths_m: Vec<f32> = (0..count).map(depth_m).collect();
             let bordered_m = bordered(depths_m.iter().copied(), width, f32::NAN);
             let (image, weights) = (Channels::new(pixels.as_flattened(), width), colour_weights());

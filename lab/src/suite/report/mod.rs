@@ -33,9 +33,13 @@ const ABLATIONS: [(&str, &str); 9] = [
     ("no-second-look", "a single look verifies"),
     (
         "no-acoustic-memory",
-        "sounds before the present one are forgotten; in pag-nav-plus, before the present sounding window",
+        "sounds before the present sounding window, and while an outcome is open, are forgotten, with the estimates of sources; \
+         outcomes, views and the present frontier are kept",
     ),
-    ("no-map", "free floor and obstacles of the present view only; rooms, objects and sounds are kept"),
+    (
+        "no-map",
+        "free floor and obstacles of the present view only; heights, rooms, objects, sounds and visited frontiers are kept",
+    ),
     ("no-priors", "neutral priors"),
     ("no-gate", "claims at a plausible candidate without visual verification"),
     ("classical", "depth and colours instead of the network"),
@@ -316,7 +320,7 @@ fn head(track: &TrackResults<'_>) -> Option<String> {
     let mut rows = vec![("missions", format!("{most} in {count} houses: {}{seed}", split(&key.track)))];
     let names = ["reference, ordered", "reference, unordered"];
     rows.extend(names.into_iter().zip(orders.iter().map(reference)));
-    if key.track == "main" {
+    if key.track.starts_with("main") {
         let favour = "each is recognised by the bundled network, which favours agents with this network ([DATASET](DATASET.md))";
         rows.push(("targets", favour.to_owned()));
     }
