@@ -272,8 +272,9 @@ mod tests {
         for size @ [width, height] in [[3, 4], [16, 5], [21, 9], [32, 8]] {
             let count = width * height;
             // Small differences, which have weights, and large ones.
-            let level =
-                |byte: usize, pixel: usize| (byte * 7919 % if pixel % 5 == 0 { 256 } else { 97 }) as u8;
+            let level = |byte: usize, pixel: usize| {
+                (byte * 7919 % if pixel.is_multiple_of(5) { 256 } else { 97 }) as u8
+            };
             let pixels: Vec<[u8; 3]> =
                 (0..count).map(|pixel| [0, 1, 2].map(|channel| level(3 * pixel + channel, pixel))).collect();
             let depths_m: Vec<f32> = (0..count).map(depth_m).collect();
