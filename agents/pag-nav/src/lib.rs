@@ -49,7 +49,7 @@
 //! - If a cue names a neighbour, only this neighbour counts in P_obj. Without evidence P_obj is 0.3, more than that of unlikely pairs;
 //!   P_room is then the mean over the room types, 0.1 for a named room, and 0.3 without a known category. Frontiers with fewer than
 //!   four border cells in a block of ten by ten are dropped.
-//! - The gate measures distance, bearing and sight to the nearest point of the candidate's box, or to its centre from within 0.3 m of
+//! - The gate measures distance, bearing and sight to the nearest point of the candidate's box, or to the centre from within 0.3 m of
 //!   the box; with an estimated source to the point of the box nearest to the source. The box is merged from all detections of the
 //!   object: the part in the current frame, which V verifies, may be farther away.
 //! - V also needs `verify_looks` near views at least 0.2 m apart, fewer after a long search or near the end; stage Verify needs these

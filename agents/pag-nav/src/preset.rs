@@ -47,7 +47,7 @@ impl Preset {
 #[serde(deny_unknown_fields)]
 pub struct Switches {
     /// Estimates the positions of sound sources from bearings and levels. s_aud becomes the nearness of the frontier to the chosen
-    /// source, if its certainty is at least `vague`; s_int that of the candidate to a source, times its certainty, loudness and
+    /// source, if the certainty is at least `vague`; s_int that of the candidate to a source, times certainty, loudness and
     /// agreement. A located source at a candidate lowers the floor of s_vis from
     /// `verify_unheard` to `verify_floor`. A near source extends the search on the storey, distant ones shorten it.
     pub source_positions: bool,

@@ -176,8 +176,8 @@ impl PanelWeights<'_> {
     /// Sums values times weights over the stretches at `taps`, for the pixels at these offsets.
     #[inline(always)]
     fn sums(&self, from: &[f32], taps: &[usize], pixels: [usize; TILE]) -> [[f32; PANEL]; TILE] {
-        // Variables instead of an array, and zipped slices: the compiler keeps the sums in registers and checks no bounds
-        // in the loop. The order of summation is fixed, whatever the vector width: calibration compares bits
+        // Variables instead of an array, and zipped slices: the sums stay in registers, and the loop checks no
+        // bounds. The order of summation is fixed, whatever the vector width: calibration compares bits
         // (docs/decisions/0019).
         let [mut a, mut b, mut c, mut d, mut e, mut f] = [self.bias; TILE];
         for (tap, weights) in taps.iter().zip(self.taps.chunks_exact(self.length)) {

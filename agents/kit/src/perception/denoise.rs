@@ -145,7 +145,7 @@ impl WindowMeans<'_> {
                     };
                     let step = ((square(0) + square(1) + square(2)) / STEP).min(NO_WEIGHT);
                     let weight = self.weights[step as usize];
-                    // False for the border, whose depth is not a number.
+                    // False for the border, where depth is not a number.
                     let is_same = (other_m[lane] - here_m[lane]).abs() <= SAME_SURFACE * here_m[lane];
                     weights[lane] = if is_same { weight } else { 0 };
                 }
